@@ -1,1 +1,118 @@
-"""cli."""
+"""The command line: what the commands are, and in one place what becomes of errors.
+
+A command is the function NAME in `mavkf/cli/NAME.py`; it is imported when it is run, and returns an exit code or None
+(which is 0). Exit codes: 0 done, 1 unusable input, 2 wrong usage, 130 interrupted. Results go to stdout, messages to
+stderr.
+"""
+
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from mavkf import __version__
+from mavkf.errors import MavkfError, UsageError
+
+if TYPE_CHECKING:
+    from cyclopts import App, CycloptsError
+
+COMMANDS = {
+    "demo": "Fly a simulated flight, serve it and watch it, in this terminal.",
+    "serve": "Read live telemetry or a log, estimate, publish over zenoh.",
+    "watch": "Show the poses that are published.",
+    "replay": "Estimate from a log at full speed.",
+    "info": "Say what is in a log.",
+    "simulate": "Make a flight with known truth, to a file or onto the wire.",
+    "schema": "Print the JSON schema of what is published.",
+    "warmup": "Compile the estimator now, so that nothing waits for it later.",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line (default: the process's own) and give its exit code."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        code = _run(words)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        return 130
+    except MavkfError as error:
+        return _fail(str(error), 2 if isinstance(error, UsageError) else 1)
+    except BrokenPipeError:
+        # The reader has gone; so that the flush at exit does not complain, it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+
+
+def _run(words: list[str]) -> int:
+    if not words or words[0] in ("--help", "-h", "help"):  # at once: the parser alone takes ten times longer to import
+        print(_help())
+        return 0
+    if words[0] == "--version":
+        print(__version__)
+        return 0
+    if words[0] not in COMMANDS:  # the parser would import every command to suggest one
+        return _fail(f"there is no command {words[0]!r}{_nearest(words[0], COMMANDS)}: {', '.join(COMMANDS)}", 2)
+    from cyclopts import CycloptsError
+
+    app = make_app()
+    try:
+        code = app(words, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        return _fail(_sentence(error, app), 2)
+    return code if isinstance(code, int) else 0
+
+
+def make_app() -> "App":
+    """Make the parser of all commands; none of them is imported."""
+    from cyclopts import App, Parameter
+
+    app = App(
+        name="mavkf",
+        help="The fused pose of a drone from its MAVLink telemetry.",
+        version=__version__,
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
+        default_parameter=Parameter(negative=()),
+    )
+    for name in COMMANDS:
+        app.command(f"mavkf.cli.{name}:{name}", name=name)
+    return app
+
+
+def _help() -> str:
+    lines = "\n".join(f"  {name:<10}{text}" for name, text in COMMANDS.items())
+    return (
+        "mavkf: the fused pose of a drone from its MAVLink telemetry.\n\n"
+        f"Usage: mavkf COMMAND ...\n\n{lines}\n\n"
+        "mavkf COMMAND --help shows its options, mavkf --version the version."
+    )
+
+
+def _sentence(error: "CycloptsError", app: "App") -> str:
+    """Say what is wrong with a command line and what would be right, on one line."""
+    from cyclopts import UnknownOptionError, UnusedCliTokensError
+
+    command = " ".join(("mavkf", *(error.command_chain or ())))
+    if isinstance(error, UnknownOptionError) and error.command_chain:
+        known = app[error.command_chain[0]].assemble_argument_collection()
+        options = [*sorted(argument.name for argument in known if argument.name.startswith("--")), "--help"]
+        wrong = error.token.keyword or error.token.value
+        return f"{command} has no option {wrong}{_nearest(wrong, options)}: {', '.join(options)}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"{command} does not take {' '.join(error.unused_tokens or ())!r}; see {command} --help"
+    return " ".join(str(error).split())
+
+
+def _nearest(wrong: str, right: Iterable[str]) -> str:
+    from difflib import get_close_matches
+
+    near = get_close_matches(wrong, list(right), 1)
+    return f" (did you mean {near[0]}?), only" if near else ", only"
+
+
+def _fail(text: str, code: int) -> int:
+    sys.stdout.flush()
+    print(f"mavkf: {text}", file=sys.stderr)
+    return code

@@ -1,0 +1,10 @@
+"""`mavkf schema`."""
+
+import json
+
+from mavkf.publish.records import schema as record_schema
+
+
+def schema() -> None:
+    """Print the JSON schema of the four records: Pose, Status, Innovation, Event."""
+    print(json.dumps(record_schema(), indent=2))
