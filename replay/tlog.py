@@ -1,0 +1,127 @@
+"""Read a tlog: find its frames, decode its samples, and say what is in it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.errors import LogError
+from mavkf.link.conversions import DecodeCounts
+from mavkf.link.decode import Address, decode, gather
+from mavkf.link.framing import FrameCounts, scan_records
+from mavkf.link.layouts import message_ids, message_names
+from mavkf.link.stamps import repair_stamps
+from mavkf.samples import KIND, VEHICLE_TYPE, Kind
+
+GROUND_STATION = 6
+"""MAV_TYPE_GCS."""
+
+
+@dataclass(frozen=True)
+class MessageCount:
+    """How often one component sent one message: name, number of frames, and rate over the log (Hz, by arrival)."""
+
+    name: str
+    count: int
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log in memory; payloads stay in the mapped file.
+
+    path, size:  the file, bytes.
+    data:        its bytes (uint8, mapped).
+    frames:      its frames in file order (`mavkf.link.framing.FRAME`), stamps repaired.
+    damage:      what its bytes were.
+    refused:     messages that gave no rows.
+    rows:        sample rows of each (system, component), in file order, without TIME and SESSION.
+    """
+
+    path: Path
+    size: int
+    data: NDArray[np.uint8] = field(repr=False)
+    frames: NDArray[np.void] = field(repr=False)
+    damage: FrameCounts
+    refused: DecodeCounts
+    rows: dict[Address, NDArray[np.float64]] = field(repr=False)
+
+    @property
+    def first_us(self) -> int:
+        """Arrival of the first frame, microseconds UTC."""
+        return int(self.frames["stamp"][0])
+
+    @property
+    def duration_s(self) -> float:
+        """Arrival of the last frame after the first, seconds."""
+        return float(self.frames["stamp"][-1] - self.frames["stamp"][0]) * 1e-6
+
+    @cached_property
+    def message_counts(self) -> dict[Address, list[MessageCount]]:
+        """What each component sent, most frequent first."""
+        f = self.frames
+        keys = f["system"].astype(np.int64) << 40 | f["component"].astype(np.int64) << 32 | f["message"]
+        result: dict[Address, list[MessageCount]] = {}
+        for key, count in zip(*np.unique(keys, return_counts=True), strict=True):
+            address = int(key) >> 40, int(key) >> 32 & 0xFF
+            rate = (int(count) - 1) / self.duration_s if self.duration_s > 0 else 0.0
+            result.setdefault(address, []).append(
+                MessageCount(message_names()[int(key) & 0xFFFFFFFF], int(count), rate)
+            )
+        return {address: sorted(counts, key=lambda c: (-c.count, c.name)) for address, counts in result.items()}
+
+    def messages(self, system: int, component: int, name: str) -> tuple[NDArray[np.void], NDArray[np.int64]]:
+        """Give all messages called `name` of one component: structured array and arrival stamps (microseconds UTC).
+
+        For comparison (ATTITUDE, SIM_STATE ...); nothing of it enters an estimate. Raises KeyError if the dialect has
+        no such message.
+        """
+        f = self.frames
+        chosen = f[(f["message"] == message_ids()[name]) & (f["system"] == system) & (f["component"] == component)]
+        return gather(self.data, chosen, name), chosen["stamp"].copy()
+
+    def vehicles(self) -> list[Address]:
+        """List the components that sent IMU or GNSS samples and do not say that they are a ground station, in order."""
+        return sorted(address for address, rows in self.rows.items() if _is_vehicle(rows))
+
+
+def _is_vehicle(rows: NDArray[np.float64]) -> bool:
+    kinds = rows[:, KIND]
+    types = rows[kinds == Kind.HEARTBEAT, VEHICLE_TYPE]
+    return bool(np.isin(kinds, (Kind.IMU, Kind.GNSS)).any()) and not (types == GROUND_STATION).any()
+
+
+def read_tlog(path: Path, progress: Callable[[float], object] | None = None) -> Log:
+    """Read a tlog of any MAVLink version, whole or damaged.
+
+    progress: called with the fraction of the file read (0 to 1), now and then.
+
+    Raises LogError if the file cannot be opened, is empty, or holds no MAVLink frame.
+    """
+    path = Path(path)
+    data = _map(path)
+    frames, damage = scan_records(data, progress)
+    if len(frames) == 0:
+        raise LogError(f"{path} holds no MAVLink frame; give a telemetry log (.tlog) of a ground station.")
+    damage = replace(damage, bad_stamps=repair_stamps(frames))
+    refused = DecodeCounts()
+    rows = decode(data, frames, refused)
+    return Log(path, data.size, data, frames, damage, refused, rows)
+
+
+def _map(path: Path) -> NDArray[np.uint8]:
+    if path.is_dir():
+        raise LogError(f"{path} is a folder; give one log file inside it.")
+    try:
+        if path.stat().st_size == 0:
+            raise LogError(f"{path} is empty; nothing was recorded into it, so give another log.")
+        return np.memmap(path, np.uint8, "r")
+    except FileNotFoundError:
+        raise LogError(f"{path} does not exist; check the name and the folder.") from None
+    except PermissionError:
+        raise LogError(f"{path} may not be read by this user; change its permissions or copy it.") from None
+    except (OSError, ValueError) as error:
+        raise LogError(f"{path} cannot be read ({error}); give a regular file on a healthy disk.") from None
