@@ -51,7 +51,6 @@ class Kind(IntEnum):
 
     HEARTBEAT = 0
     SYSTEM_TIME = 1
-    EARTH_FIELD = 2
     GNSS = 3
     MAGNETOMETER = 4
     BAROMETER = 5
@@ -86,8 +85,6 @@ class Source(IntEnum):
     SCALED_PRESSURE3 = 12
     SYSTEM_TIME = 13
     HEARTBEAT = 14
-    EARTH_FIELD = 15
-    """No message: the earth's magnetic field at the first fix, from the World Magnetic Model."""
 
 
 IMU_SOURCES = (

@@ -1,0 +1,121 @@
+"""The covariance form with Joseph's stabilised update.
+
+    S = H P H' + R,   K = P H' S^-1,   P <- (I - K H) P (I - K H)' + K R K'
+
+Bucy and Joseph, "Filtering for Stochastic Processes with Applications to Guidance" (1968); Maybeck, "Stochastic Models, Estimation, and
+Control", vol. 1 (1979), eq. 5-96. Order n^2 m. Preserves symmetry (the upper triangle is mirrored) and, unlike (I - K H) P, positive
+semi-definiteness for any gain. Measurements of one, two or three components.
+"""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+
+
+@compiled
+def innovation_covariance(P, H, R, PHt, S):
+    """Fill PHt = P H' (n, m) and S = H P H' + R (m, m). P: (n, n), H: (m, n), R: (m, m)."""
+    m, n = H.shape
+    for b in range(m):
+        for i in range(n):
+            PHt[i, b] = 0.0
+        for j in range(n):
+            h = H[b, j]
+            if h != 0.0:
+                for i in range(n):
+                    PHt[i, b] += P[j, i] * h
+    for a in range(m):
+        for b in range(a, m):
+            total = 0.5 * (R[a, b] + R[b, a])
+            for j in range(n):
+                total += H[a, j] * PHt[j, b]
+            S[a, b] = total
+            S[b, a] = total
+
+
+@compiled
+def invert(S, inverse):
+    """Inverse of a symmetric positive definite matrix (m, m) by Cholesky; returns whether it is positive definite."""
+    m = S.shape[0]
+    L = np.zeros((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            total = S[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                L[i, i] = math.sqrt(total)
+            else:
+                L[i, j] = total / L[j, j]
+    # columns of the inverse: L y = e, L' x = y
+    for c in range(m):
+        y = np.zeros(m)
+        for i in range(c, m):
+            total = 1.0 if i == c else 0.0
+            for k in range(c, i):
+                total -= L[i, k] * y[k]
+            y[i] = total / L[i, i]
+        for i in range(m - 1, -1, -1):
+            total = y[i]
+            for k in range(i + 1, m):
+                total -= L[k, i] * inverse[k, c]
+            inverse[i, c] = total / L[i, i]
+    return True
+
+
+@compiled
+def quadratic(inverse, r):
+    """r' S^-1 r: the normalised innovation squared."""
+    total = 0.0
+    for a in range(r.shape[0]):
+        for b in range(r.shape[0]):
+            total += r[a] * inverse[a, b] * r[b]
+    return total
+
+
+@compiled
+def correct(P, H, R, PHt, inverse, r, dx):
+    """Fill dx = K r (n,) and update P in place; PHt and the inverse of S as computed before.
+
+    With P1 = P - K (P H')' the Joseph product is P1 - (P1 H' - K R) K', which costs two rank-m updates.
+    """
+    m, n = H.shape
+    K = np.empty((n, m))
+    for i in range(n):
+        total = 0.0
+        for b in range(m):
+            gain = 0.0
+            for a in range(m):
+                gain += PHt[i, a] * inverse[a, b]
+            K[i, b] = gain
+            total += gain * r[b]
+        dx[i] = total
+    for b in range(m):
+        for i in range(n):
+            for j in range(n):
+                P[i, j] -= K[i, b] * PHt[j, b]
+    M = np.empty((n, m))
+    for b in range(m):
+        for i in range(n):
+            M[i, b] = 0.0
+        for j in range(n):
+            h = H[b, j]
+            if h != 0.0:
+                for i in range(n):
+                    M[i, b] += P[i, j] * h
+        for i in range(n):
+            for a in range(m):
+                M[i, b] -= K[i, a] * R[a, b]
+    for b in range(m):
+        for i in range(n):
+            for j in range(n):
+                P[i, j] -= M[i, b] * K[j, b]
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (P[i, j] + P[j, i])
+            P[i, j] = mean
+            P[j, i] = mean

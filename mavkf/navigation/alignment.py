@@ -1,0 +1,94 @@
+"""The first attitude: tilt from gravity over a second of samples, as good as the samples allow."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models.earth import STANDARD_GRAVITY
+from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
+from mavkf.models.strapdown import BA, BG, DBA, DBARO, DBG, THETA, N, Q
+from mavkf.navigation import layout as L
+from mavkf.navigation.layout import NoteCode, Parameter
+from mavkf.navigation.updates import forget, note
+
+DURATION = 1.0  # s
+SAMPLES = 4  # a slow IMU takes longer
+# Still: what a vehicle on the ground shows, propellers off or idling.
+STILL_RATE, STILL_RATE_SPREAD, STILL_FORCE_SPREAD, STILL_FORCE = 0.05, 0.02, 0.3, 0.6  # rad/s, rad/s, m/s^2, m/s^2
+YAW_UNKNOWN = 3.0  # rad: one sigma that says nothing
+GYRO_STILL = 2e-3  # rad/s: how well a still second tells the gyro bias, vibration and counts included
+GYRO_BIAS_LARGEST = 0.2  # rad/s: more is a rotation, not a bias
+
+
+@compiled
+def collect(s, e_imu, t, c, out, tell):
+    """Take one sample (6,) into the sums; when they are complete, set the attitude and its covariance. Returns whether it did."""
+    k = L.ALIGN_SUM
+    if s[L.ALIGN_COUNT] == 0.0 or t - s[L.T_IMU] > 1.0 + c[Parameter.GAP]:
+        s[L.ALIGN_START] = t
+        s[L.ALIGN_COUNT] = 0.0
+        s[k : k + 12] = 0.0
+    s[L.ALIGN_COUNT] += 1.0
+    for i in range(6):
+        s[k + i] += e_imu[i]
+        s[k + 6 + i] += e_imu[i] * e_imu[i]
+    n = s[L.ALIGN_COUNT]
+    if n < SAMPLES or t - s[L.ALIGN_START] < DURATION:
+        return False
+    mean = np.empty(6)
+    spread = np.zeros(2)
+    for i in range(6):
+        mean[i] = s[k + i] / n
+        spread[i // 3] += max(0.0, s[k + 6 + i] / n - mean[i] * mean[i])
+    s[L.ALIGN_COUNT] = 0.0
+    force = math.sqrt(mean[3] ** 2 + mean[4] ** 2 + mean[5] ** 2)
+    rate = math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+    if force < 0.3 * STANDARD_GRAVITY:
+        return False  # falling, or no accelerometer: which way is down cannot be seen
+    still = (
+        rate < STILL_RATE
+        and spread[0] < STILL_RATE_SPREAD**2
+        and spread[1] < STILL_FORCE_SPREAD**2
+        and abs(force - STANDARD_GRAVITY) < STILL_FORCE
+    )
+    x = s[L.X : L.P]
+    # f_b = -C_nb' g: roll and pitch of the specific force
+    roll = math.atan2(-mean[4], -mean[5])
+    pitch = math.atan2(mean[3], math.hypot(mean[4], mean[5]))
+    quaternion_from_euler(roll, pitch, 0.0, x[Q : Q + 4])
+    x[BG : BG + 3] = mean[0:3] if still else np.zeros(3)
+    x[BA : BA + 3] = 0.0
+    set_covariance(s, c, still, math.sqrt(spread[1]) + abs(force - STANDARD_GRAVITY))
+    s[L.ALIGNED] = 1.0
+    s[L.YAW_KNOWN] = 0.0
+    s[L.T] = t
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    note(out, tell, NoteCode.ALIGNED, s[L.ALIGN_START], t, math.sqrt(P[THETA, THETA]), 1.0 if still else 0.0, force)
+    return True
+
+
+@compiled
+def set_covariance(s, c, still, unrest):
+    """Covariance of attitude and biases after levelling; `unrest` (m/s^2): how far the force was from constant gravity.
+
+    Levelling lays the accelerometer's bias into the tilt, dtheta_E = -(C dba)_N / g and dtheta_N = (C dba)_E / g, so the two are
+    correlated from the start.
+    """
+    x = s[L.X : L.P]
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    C = np.empty((3, 3))
+    rotation_matrix(x[Q : Q + 4], C)
+    bias = c[Parameter.ACCEL_BIAS] ** 2
+    other = (0.02 if still else 0.1 + 0.5 * min(unrest / STANDARD_GRAVITY, 1.0)) ** 2
+    forget(s, THETA, 3, 0.0)
+    forget(s, DBG, 3, GYRO_STILL**2 if still else c[Parameter.GYRO_BIAS] ** 2)
+    forget(s, DBA, 3, bias)
+    forget(s, DBARO, 1, 1.0)
+    for i in range(2):
+        P[THETA + i, THETA + i] = bias / STANDARD_GRAVITY**2 + other
+        sign = 1.0 if i == 0 else -1.0
+        for j in range(3):
+            P[THETA + i, DBA + j] = sign * C[1 - i, j] * bias / STANDARD_GRAVITY
+            P[DBA + j, THETA + i] = P[THETA + i, DBA + j]
+    P[THETA + 2, THETA + 2] = YAW_UNKNOWN**2

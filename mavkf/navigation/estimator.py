@@ -1,0 +1,210 @@
+"""The estimator of one session of one vehicle: timed sample rows in, pose rows, innovations and notes out.
+
+    estimator = SessionEstimator(config, rate_hz=50.0)
+    for output in estimator.push(rows): ...      # live: rows in the order of arrival, as they come
+    for output in estimator.finish(): ...        # what was still waiting for the set-up
+
+or, offline, `run_offline(rows, config)`: the same events in the order in which they were measured, in one go.
+"""
+
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.config import Config
+from mavkf.navigation import layout as L
+from mavkf.navigation import timeline
+from mavkf.navigation.earth_field import earth_field
+from mavkf.navigation.fold import begin
+from mavkf.navigation.setup import Setup, choose, parameters
+from mavkf.samples import ARRIVAL, FIX, KIND, LATITUDE, LONGITUDE, ROW_WIDTH, SOURCE, TIME, Kind, Source
+
+Array = NDArray[np.float64]
+LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
+HISTORY = 16_384  # events kept for late ones: five seconds at 3 kHz
+BUFFER = 4_096
+
+
+class Output(msgspec.Struct):
+    """What a run wrote: pose rows (n, POSE_WIDTH), innovation rows (n, INNOVATION_WIDTH), notes (n, NOTE_WIDTH)."""
+
+    poses: Array
+    innovations: Array
+    notes: Array
+
+
+def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
+    """Which rows (n, ROW_WIDTH) the fold uses: the chosen source of each kind, and heartbeats."""
+    kind, source = rows[:, KIND], rows[:, SOURCE]
+    use = kind == Kind.HEARTBEAT
+    for wanted, chosen in (
+        (Kind.IMU, setup.imu),
+        (Kind.GNSS, setup.gnss),
+        (Kind.MAGNETOMETER, setup.magnetometer),
+        (Kind.BAROMETER, setup.barometer),
+    ):
+        if chosen is not None:
+            use |= (kind == wanted) & (source == chosen)
+    return use & np.isfinite(rows[:, TIME])
+
+
+def to_events(rows: Array, setup: Setup, first_id: int) -> Array:
+    """Events (n, EVENT_WIDTH) of selected rows: measured time in TIME, the earth's field beside each fix, running numbers."""
+    events = np.full((rows.shape[0], L.EVENT_WIDTH), np.nan)
+    events[:, :ROW_WIDTH] = rows
+    for kind, delay in (
+        (Kind.IMU, setup.imu_delay),
+        (Kind.GNSS, setup.gnss_delay),
+        (Kind.MAGNETOMETER, setup.magnetometer_delay),
+        (Kind.BAROMETER, setup.barometer_delay),
+    ):
+        events[events[:, KIND] == kind, TIME] -= delay
+    events[:, L.EVENT_ID] = np.arange(first_id, first_id + rows.shape[0])
+    for i in np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, FIX] >= 3)):
+        events[i, L.FIELD_N : L.FIELD_N + 3] = earth_field(events[i, LATITUDE], events[i, LONGITUDE], events[i, ARRIVAL])
+    return events
+
+
+class SessionEstimator:
+    """Live estimation of one session: bounded memory, the same outputs however the rows are cut into calls."""
+
+    def __init__(self, config: Config, rate_hz: float = 50.0, imu: Source | None = None, model: str | None = None) -> None:
+        """rate_hz: poses a second of boot time (0: every IMU sample); imu, model: forced choices, as of `choose`."""
+        self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
+        self.setup: Setup | None = None
+        self.state = np.empty(L.STATE_SIZE)
+        self.parameters: Array = np.zeros(L.PARAMETERS)
+        self._waiting: list[Array] = []
+        self._first_sensor = np.nan
+        self._next_id = 0
+        self._events = np.empty((HISTORY, L.EVENT_WIDTH))
+        self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
+        self._cursor = np.zeros(timeline.CURSOR_SIZE, dtype=np.int64)
+        self._cursor[timeline.LAST_SLOT] = -1
+        self._marks = np.full(timeline.MARKS_SIZE, -np.inf)
+        self._reported = np.full(4 * HISTORY, -1.0)
+        self._out = (
+            np.empty((BUFFER, L.INNOVATION_WIDTH)),
+            np.empty((BUFFER, L.NOTE_WIDTH)),
+            np.zeros(2, dtype=np.int64),
+        )
+        self._poses = np.empty((BUFFER, L.POSE_WIDTH))
+
+    @property
+    def late(self) -> int:
+        """Events dropped because they were older than the window."""
+        return int(self._cursor[timeline.LATE])
+
+    def push(self, rows: Array) -> Iterator[Output]:
+        """Take rows (n, ROW_WIDTH) in the order of arrival; yields outputs as they arise, none while the set-up is open."""
+        if self.setup is None:
+            rows = self._decide(rows)
+            if self.setup is None:
+                return
+        yield from self._run(rows)
+
+    def finish(self) -> Iterator[Output]:
+        """Decide the set-up with what there is, if it is still open, and run what waited."""
+        if self.setup is None and self._waiting:
+            waiting = np.concatenate(self._waiting)
+            self._waiting = []
+            self._start(waiting)
+            yield from self._run(waiting)
+
+    def _decide(self, rows: Array) -> Array:
+        """Keep rows until the set-up's time is over; returns those to run (all, once it is)."""
+        for i in range(rows.shape[0]):
+            row = rows[i]
+            if row[KIND] in (Kind.IMU, Kind.GNSS) and not np.isfinite(self._first_sensor):
+                self._first_sensor = row[TIME]
+            if row[TIME] - self._first_sensor >= self.config.timeline.setup_s:
+                seen = np.concatenate([*self._waiting, rows[: i + 1]])
+                patient = row[TIME] - self._first_sensor < LONGEST_SETUP * self.config.timeline.setup_s
+                if patient and not np.any(seen[:, KIND] == Kind.IMU):
+                    continue
+                self._waiting = []
+                self._start(seen)
+                return np.concatenate([seen, rows[i + 1 :]])
+        self._waiting.append(rows.copy())
+        return rows[:0]
+
+    def _start(self, seen: Array) -> None:
+        self.setup = choose(seen, self.config, self.imu, self.model)
+        self.parameters = parameters(self.config, self.setup)
+        begin(self.state, self.parameters)
+
+    def _run(self, rows: Array) -> Iterator[Output]:
+        assert self.setup is not None
+        chosen = rows[select(rows, self.setup)]
+        events = to_events(chosen, self.setup, self._next_id)
+        self._next_id += events.shape[0]
+        i = 0
+        while i < events.shape[0]:
+            self._out[2][:] = 0
+            i, n = timeline.run_live(
+                self.state,
+                events,
+                i,
+                self.parameters,
+                self.rate,
+                self.config.timeline.window_s,
+                self._events,
+                self._snapshots,
+                self._cursor,
+                self._marks,
+                self._poses,
+                self._out,
+                self._reported,
+            )
+            yield Output(
+                self._poses[:n].copy(),
+                self._out[0][: self._out[2][0]].copy(),
+                self._out[1][: self._out[2][1]].copy(),
+            )
+
+
+class Offline(msgspec.Struct):
+    """An offline run: its set-up, what it wrote, the final state, and the parameters."""
+
+    setup: Setup
+    output: Output
+    state: Array
+    parameters: Array
+
+
+def run_offline(
+    rows: Array, config: Config, rate_hz: float = 50.0, imu: Source | None = None, model: str | None = None
+) -> Offline:
+    """Fold a session's rows (n, ROW_WIDTH; in the order of arrival) in the order in which they were measured."""
+    decider = SessionEstimator(config, rate_hz, imu, model)
+    decider._decide(rows)
+    if decider.setup is None:
+        decider._start(rows)
+    setup = decider.setup
+    assert setup is not None
+    c = decider.parameters
+    events = timeline.in_order(to_events(rows[select(rows, setup)], setup, 0))
+    state = decider.state
+    out = (np.empty((4 * BUFFER, L.INNOVATION_WIDTH)), np.empty((BUFFER, L.NOTE_WIDTH)), np.zeros(2, dtype=np.int64))
+    poses = np.empty((4 * BUFFER, L.POSE_WIDTH))
+    reported = np.full(max(1, events.shape[0]), -1.0)
+    parts: list[Output] = []
+    i = 0
+    while i < events.shape[0]:
+        out[2][:] = 0
+        i, n = timeline.run_batch(state, events, i, c, rate_hz, poses, out, reported)
+        parts.append(Output(poses[:n].copy(), out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))
+    return Offline(setup, joined(parts), state, c)
+
+
+def joined(parts: list[Output]) -> Output:
+    """One output of several, in order."""
+    if not parts:
+        return Output(np.empty((0, L.POSE_WIDTH)), np.empty((0, L.INNOVATION_WIDTH)), np.empty((0, L.NOTE_WIDTH)))
+    return Output(
+        np.concatenate([part.poses for part in parts]),
+        np.concatenate([part.innovations for part in parts]),
+        np.concatenate([part.notes for part in parts]),
+    )

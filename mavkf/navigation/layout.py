@@ -1,0 +1,191 @@
+"""Where everything is: the state of the fold, the parameters, the events, and the rows that come out.
+
+The fold's whole memory is one flat float64 array, so that a snapshot is a copy and equality is equality of bits: nominal state,
+covariance, then bookkeeping by name. Flags and counts are whole numbers in float64, which is exact up to 2^53.
+"""
+
+from enum import IntEnum
+
+from mavkf.models.strapdown import N, X_SIZE
+from mavkf.samples import ROW_WIDTH
+
+# An event is a sample row whose TIME is the time it was measured (stamp less delay, s), and:
+FIELD_N = ROW_WIDTH  # the earth's magnetic field at a fix: north, east, down, tesla (GNSS only; NaN: not known)
+EVENT_ID = ROW_WIDTH + 3  # running number in the order of arrival
+EVENT_WIDTH = ROW_WIDTH + 4
+
+X = 0
+P = X_SIZE
+_book = P + N * N
+(
+    T,  # s, boot clock: what x and P are valid for
+    ALIGNED,  # 1: attitude known but for yaw
+    YAW_KNOWN,
+    POSITION_KNOWN,
+    STRAPDOWN,  # 1: the strapdown model carries velocity and position, 0: constant velocity
+    BAROMETER_KNOWN,
+    T_IMU,  # last IMU sample, NaN: none
+    PERIOD,  # s between IMU samples, running mean
+    DIFFERENCE_GYRO,  # (rad/s)^2, running mean over 20 s of the squared difference of successive samples, per axis
+    DIFFERENCE_ACCEL,  # (m/s^2)^2
+    NOISE_GYRO,  # rad^2/s: the density in use now
+    NOISE_ACCEL,  # m^2/s^3
+    ALIGN_START,
+    ALIGN_COUNT,
+    FIX_COUNT,  # fixes in a row that agree, before the first position
+    T_FIX,  # last fix of the receiver, NaN: none
+    T_POSITION,  # last fused
+    T_VELOCITY,
+    T_BAROMETER,
+    T_MAGNETOMETER,
+    T_GRAVITY,
+    T_PREVIOUS_FIX,
+    REFUSED_SINCE,  # start of an unbroken run of refused positions, NaN: none
+    REFUSED_COUNT,
+    ORIGIN_LATITUDE,
+    ORIGIN_LONGITUDE,
+    ORIGIN_HEIGHT,
+    UNDULATION,  # m, ellipsoidal height less height above mean sea level, NaN: no message says
+    DECLINATION,  # rad
+    STRENGTH,  # T
+    ARMED,
+    OUTAGE,  # 1: positions have been missing long enough to be told
+    GAP_COUNT,
+    GAP_LONGEST,  # s
+    DUPLICATES,  # repeated values and stamps that were passed over
+    NO_FIX,  # fixes without a position in them
+    PENDING_COUNT,
+) = range(_book, _book + 37)
+IMU = _book + 37  # last sample: omega_b, f_b
+RATE = IMU + 6  # omega_b less bias at T
+ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
+FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
+REFUSED = FIX + 3  # last refused fix: latitude, longitude, height, vn, ve
+FIELD = REFUSED + 5  # last magnetometer value, T
+PENDING = FIELD + 3
+PENDING_CAPACITY = 32
+STATE_SIZE = PENDING + PENDING_CAPACITY * EVENT_WIDTH
+
+
+class Parameter(IntEnum):
+    """Columns of the parameter array: configuration and what was chosen for the session."""
+
+    WANT_STRAPDOWN = 0
+    GYRO = 1
+    ACCEL = 2
+    GYRO_WALK = 3
+    ACCEL_WALK = 4
+    GYRO_BIAS = 5
+    ACCEL_BIAS = 6
+    SAMPLING = 7
+    GNSS_HORIZONTAL = 8
+    GNSS_VERTICAL = 9
+    GNSS_FLOOR = 10
+    SPEED = 11
+    SPEED_FLOOR = 12
+    COURSE = 13
+    BARO = 14
+    BARO_WALK = 15
+    HEADING = 16
+    ACCELERATION = 17
+    ACCELERATION_TIME = 18
+    LIMIT_1 = 19
+    LIMIT_2 = 20
+    LIMIT_3 = 21
+    RESET = 22
+    GAP = 23
+    DECLINATION = 24
+    USE_MAGNETOMETER = 25
+    USE_BAROMETER = 26
+
+
+PARAMETERS = len(Parameter)
+
+# An innovation row: time, sensor, source, dimension, r (3), S (9), nis, limit, fused, reason
+(I_TIME, I_SENSOR, I_SOURCE, I_SIZE) = range(4)
+I_R, I_S, I_NIS, I_LIMIT, I_FUSED, I_REASON = 4, 7, 16, 17, 18, 19
+INNOVATION_WIDTH = 20
+
+# A note: code, start, end (s), size, two numbers of evidence
+NOTE_CODE, NOTE_START, NOTE_END, NOTE_SIZE, NOTE_A, NOTE_B = range(6)
+NOTE_WIDTH = 6
+
+# A pose row
+(
+    R_TIME,
+    R_MODE,
+    R_FLAGS,
+    R_VALID,  # bits: position 1, velocity 2, tilt 4, yaw 8
+    R_MODEL,
+    R_LATITUDE,
+    R_LONGITUDE,
+    R_HEIGHT,
+    R_UNDULATION,
+    R_ORIGIN_LATITUDE,
+    R_ORIGIN_LONGITUDE,
+    R_ORIGIN_HEIGHT,
+) = range(12)
+R_NED, R_V, R_Q, R_EULER, R_RATE, R_BG, R_BA = 12, 15, 18, 22, 25, 28, 31
+R_POSE_COVARIANCE = 34  # position then rotation, row-major 6 x 6
+R_VELOCITY_COVARIANCE = 70
+R_SIGMA_EULER = 79  # one sigma of roll, pitch, yaw, rad
+POSE_WIDTH = 82
+
+VALID_POSITION, VALID_VELOCITY, VALID_TILT, VALID_YAW = 1, 2, 4, 8
+
+
+class Sensor(IntEnum):
+    """What an innovation belongs to."""
+
+    GNSS_POSITION = 0
+    GNSS_VELOCITY = 1
+    MAGNETOMETER = 2
+    BAROMETER = 3
+    GRAVITY = 4
+
+
+class Reason(IntEnum):
+    """Why a measurement was not fused."""
+
+    FUSED = 0
+    GATE = 1
+    DISTURBED = 2
+    SINGULAR = 3
+
+
+class ModeCode(IntEnum):
+    """Modes in the order of `mavkf.estimate.Mode`."""
+
+    WAITING = 0
+    ALIGNING = 1
+    ATTITUDE = 2
+    NAVIGATING = 3
+    DEAD_RECKONING = 4
+
+
+class Flag(IntEnum):
+    """Bits of a pose row's flags, in the order of `mavkf.estimate.FLAGS`."""
+
+    NO_IMU = 0
+    NO_GNSS = 1
+    NO_MAGNETOMETER = 2
+    YAW_UNKNOWN = 3
+    IMU_SLOW = 4
+    CONSTANT_VELOCITY = 5
+    GNSS_REFUSED = 6
+
+
+class NoteCode(IntEnum):
+    """What an event of the estimator says."""
+
+    ALIGNED = 0
+    YAW_ALIGNED = 1
+    POSITION_FOUND = 2
+    POSITION_RESET = 3
+    GNSS_OUTAGE = 4
+    GNSS_BACK = 5
+    POSITION_GIVEN_UP = 6
+    IMU_GAP = 7
+    MODEL_CHANGED = 8
+    ARMED = 9
+    DISARMED = 10

@@ -1,0 +1,133 @@
+"""The pose row: what a state says to the outside, as plain numbers."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models.rotation import euler_angles
+from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, N, Q, V, offset
+from mavkf.navigation import layout as L
+from mavkf.navigation.layout import Flag, ModeCode, Parameter
+
+POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
+TILT_LIMIT, YAW_LIMIT = math.radians(10.0), math.radians(20.0)
+RECENT = 2.0  # s: sensors heard within it are there
+
+
+@compiled
+def mode_of(s):
+    """The mode (value of a ModeCode) of a state."""
+    if s[L.POSITION_KNOWN] != 0.0:
+        return ModeCode.DEAD_RECKONING.value if s[L.OUTAGE] != 0.0 else ModeCode.NAVIGATING.value
+    if s[L.ALIGNED] != 0.0:
+        return ModeCode.ATTITUDE.value
+    return ModeCode.ALIGNING.value if math.isfinite(s[L.T_IMU]) else ModeCode.WAITING.value
+
+
+@compiled
+def flags_of(s, c):
+    """The flags of a state, as bits."""
+    flags = 0
+    if not s[L.T] - s[L.T_IMU] < RECENT:
+        flags |= 1 << Flag.NO_IMU.value
+    if not s[L.T] - s[L.T_FIX] < RECENT:
+        flags |= 1 << Flag.NO_GNSS.value
+    elif s[L.REFUSED_COUNT] > 0.0:
+        flags |= 1 << Flag.GNSS_REFUSED.value
+    if not (s[L.T_MAGNETOMETER] >= 0.0 and s[L.T] - s[L.T_MAGNETOMETER] < RECENT):
+        flags |= 1 << Flag.NO_MAGNETOMETER.value
+    if s[L.YAW_KNOWN] == 0.0:
+        flags |= 1 << Flag.YAW_UNKNOWN.value
+    if c[Parameter.WANT_STRAPDOWN] == 0.0 and math.isfinite(s[L.T_IMU]):
+        flags |= 1 << Flag.IMU_SLOW.value
+    if s[L.POSITION_KNOWN] != 0.0 and s[L.STRAPDOWN] == 0.0:
+        flags |= 1 << Flag.CONSTANT_VELOCITY.value
+    return flags
+
+
+@compiled
+def valid_of(s):
+    """Which parts may be used, as bits: known, and sure enough."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    valid = 0
+    if s[L.POSITION_KNOWN] != 0.0:
+        if P[POS, POS] + P[POS + 1, POS + 1] < 2.0 * POSITION_LIMIT**2:
+            valid |= L.VALID_POSITION
+        if P[VEL, VEL] + P[VEL + 1, VEL + 1] < 2.0 * VELOCITY_LIMIT**2:
+            valid |= L.VALID_VELOCITY
+    if s[L.ALIGNED] != 0.0 and max(P[THETA, THETA], P[THETA + 1, THETA + 1]) < TILT_LIMIT**2:
+        valid |= L.VALID_TILT
+        if s[L.YAW_KNOWN] != 0.0 and P[THETA + 2, THETA + 2] < YAW_LIMIT**2:
+            valid |= L.VALID_YAW
+    return valid
+
+
+@compiled
+def sigma_euler(P, q, euler, out):
+    """One sigma of roll, pitch, yaw (rad) from the covariance of dtheta_n: rows of d(euler)/d(dtheta), ZYX."""
+    cy, sy = math.cos(euler[2]), math.sin(euler[2])
+    cp = max(abs(math.cos(euler[1])), 1e-6)
+    tp = math.sin(euler[1]) / cp
+    rows = np.array([[cy / cp, sy / cp, 0.0], [-sy, cy, 0.0], [cy * tp, sy * tp, 1.0]])
+    for a in range(3):
+        total = 0.0
+        for i in range(3):
+            for j in range(3):
+                total += rows[a, i] * P[THETA + i, THETA + j] * rows[a, j]
+        out[a] = math.sqrt(max(total, 0.0))
+
+
+@compiled
+def pose_row(s, c, row):
+    """Fill a pose row (POSE_WIDTH,) from a state; NaN where nothing is known."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    row[:] = np.nan
+    row[L.R_TIME] = s[L.T]
+    row[L.R_MODE] = mode_of(s)
+    row[L.R_FLAGS] = flags_of(s, c)
+    row[L.R_VALID] = valid_of(s)
+    row[L.R_MODEL] = s[L.STRAPDOWN]
+    row[L.R_UNDULATION] = s[L.UNDULATION]
+    for i in range(3):
+        row[L.R_ORIGIN_LATITUDE + i] = s[L.ORIGIN_LATITUDE + i]
+    position = s[L.POSITION_KNOWN] != 0.0
+    attitude = s[L.ALIGNED] != 0.0
+    yaw = attitude and s[L.YAW_KNOWN] != 0.0
+    if position:
+        row[L.R_LATITUDE], row[L.R_LONGITUDE], row[L.R_HEIGHT] = s[LATITUDE], s[LONGITUDE], s[HEIGHT]
+        offset(
+            s[LATITUDE],
+            s[LONGITUDE],
+            s[HEIGHT],
+            s[L.ORIGIN_LATITUDE],
+            s[L.ORIGIN_LONGITUDE],
+            s[L.ORIGIN_HEIGHT],
+            row[L.R_NED : L.R_NED + 3],
+        )
+        for i in range(3):
+            row[L.R_V + i] = s[V + i]
+            for j in range(3):
+                row[L.R_VELOCITY_COVARIANCE + 3 * i + j] = P[VEL + i, VEL + j]
+    if attitude:
+        euler_angles(s[Q : Q + 4], row[L.R_EULER : L.R_EULER + 3])
+        sigma_euler(P, s[Q : Q + 4], row[L.R_EULER : L.R_EULER + 3], row[L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3])
+        for i in range(3):
+            row[L.R_RATE + i] = s[L.RATE + i]
+            row[L.R_BG + i] = s[BG + i]
+            row[L.R_BA + i] = s[BA + i]
+        if yaw:
+            for i in range(4):
+                row[L.R_Q + i] = s[Q + i]
+        else:
+            row[L.R_EULER + 2] = np.nan
+            row[L.R_SIGMA_EULER + 2] = np.nan
+    # what is known of the six: position, tilt, yaw
+    for i in range(6):
+        for j in range(6):
+            known_i = position if i < 3 else (attitude if i < 5 else yaw)
+            known_j = position if j < 3 else (attitude if j < 5 else yaw)
+            if known_i and known_j:
+                a = POS + i if i < 3 else THETA + i - 3
+                b = POS + j if j < 3 else THETA + j - 3
+                row[L.R_POSE_COVARIANCE + 6 * i + j] = P[a, b]

@@ -1,0 +1,209 @@
+"""What is chosen for a session from its first seconds: sensors, model, delays; each choice with its reason in words."""
+
+import math
+from collections.abc import Iterable
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.config import Config
+from mavkf.errors import UsageError
+from mavkf.filters.chi_square import limit
+from mavkf.models.earth import STANDARD_GRAVITY
+from mavkf.navigation.layout import PARAMETERS, Parameter
+from mavkf.samples import (
+    ACCEL,
+    AUTOPILOT,
+    FIX,
+    GNSS_SOURCES,
+    IMU_SOURCES,
+    KIND,
+    SOURCE,
+    TIME,
+    VEHICLE_TYPE,
+    Kind,
+    Source,
+)
+
+ARDUPILOT, PX4 = 3, 12  # MAV_AUTOPILOT
+# How good an IMU message is at the same rate: resolution (mg and mrad/s against float) and stamp (ms against us).
+IMU_QUALITY = {
+    Source.HIGHRES_IMU: 3.0,
+    Source.HIL_SENSOR: 3.0,
+    Source.RAW_IMU: 1.0,
+    Source.SCALED_IMU: 0.8,
+    Source.SCALED_IMU2: 0.7,
+    Source.SCALED_IMU3: 0.6,
+}
+BAROMETER_ORDER = (
+    Source.SCALED_PRESSURE,
+    Source.HIGHRES_IMU,
+    Source.HIL_SENSOR,
+    Source.SCALED_PRESSURE2,
+    Source.SCALED_PRESSURE3,
+)
+# Delays of ArduPilot, s. GNSS: a fix is stamped at reception (AP_GPS), measured on its simulator and near u-blox's; IMU: two-pole low-pass at
+# 20 Hz (INS_ACCEL_FILTER, INS_GYRO_FILTER); magnetometer and barometer: sampled slower than sent, and held.
+ARDUPILOT_DELAYS = {"gnss": 0.085, "imu": 0.0125, "magnetometer": 0.055, "barometer": 0.045}
+PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
+
+
+class Setup(msgspec.Struct, frozen=True, kw_only=True):
+    """The choices for one session. Sources are None where the first seconds had none; rates are those of the first seconds, Hz."""
+
+    imu: Source | None
+    imu_rate_hz: float
+    gnss: Source
+    magnetometer: Source | None
+    barometer: Source | None
+    autopilot: int | None
+    vehicle_type: int | None
+    gnss_delay: float
+    imu_delay: float
+    magnetometer_delay: float
+    barometer_delay: float
+    strapdown: bool
+    reasons: tuple[str, ...]
+
+
+def _rate(times: NDArray[np.float64]) -> float:
+    if times.size < 2 or not times.max() > times.min():
+        return 0.0
+    return float((times.size - 1) / (times.max() - times.min()))
+
+
+def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[str]) -> tuple[Source | None, float]:
+    rates: dict[Source, float] = {}
+    imu = rows[rows[:, KIND] == Kind.IMU]
+    for source in IMU_SOURCES:
+        mine = imu[imu[:, SOURCE] == source]
+        if not mine.shape[0]:
+            continue
+        force = float(np.median(np.linalg.norm(mine[:, ACCEL : ACCEL + 3], axis=1))) / STANDARD_GRAVITY
+        if source is not forced and not PLAUSIBLE_FORCE[0] < force < PLAUSIBLE_FORCE[1]:
+            reasons.append(f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken")
+            continue
+        rates[source] = _rate(mine[:, TIME])
+    if forced is not None:
+        if forced not in rates:
+            raise UsageError(f"--imu {forced.name}: this vehicle sends {_names(rates) or 'no IMU message'}; choose one of those")
+        reasons.append(f"IMU {forced.name} at {rates[forced]:.3g} Hz, as asked")
+        return forced, rates[forced]
+    if not rates:
+        reasons.append("no usable IMU message in the first seconds")
+        return None, 0.0
+    best = max(rates, key=lambda source: rates[source] * IMU_QUALITY[source])
+    others = _names(source for source in rates if source is not best)
+    reasons.append(
+        f"IMU {best.name} at {rates[best]:.3g} Hz" + (f", best by rate, resolution and stamp of it and {others}" if others else "")
+    )
+    return best, rates[best]
+
+
+def _names(sources: Iterable[Source]) -> str:
+    return ", ".join(source.name for source in sources)
+
+
+def _choose_gnss(rows: NDArray[np.float64]) -> Source:
+    """The receiver with the most 3D fixes; before any fix, the first that speaks."""
+    gnss = rows[rows[:, KIND] == Kind.GNSS]
+    fixes = {source: int(np.sum((gnss[:, SOURCE] == source) & (gnss[:, FIX] >= 3))) for source in GNSS_SOURCES}
+    best = max(GNSS_SOURCES, key=lambda source: fixes[source])
+    if fixes[best]:
+        return best
+    return next((source for source in GNSS_SOURCES if np.any(gnss[:, SOURCE] == source)), Source.GPS_RAW_INT)
+
+
+def _first_of(rows: NDArray[np.float64], kind: Kind, order: Iterable[Source]) -> Source | None:
+    present = set(rows[rows[:, KIND] == kind, SOURCE])
+    return next((source for source in order if source in present), None)
+
+
+def _latest(rows: NDArray[np.float64], column: int) -> int | None:
+    beats = rows[rows[:, KIND] == Kind.HEARTBEAT]
+    return int(beats[-1, column]) if beats.shape[0] else None
+
+
+def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None, model: str | None = None) -> Setup:
+    """Choose from a session's first rows (n, ROW_WIDTH), in order of arrival.
+
+    imu: a message to use whatever its merits; model: "strapdown" or "constant-velocity" to force it. Raises UsageError where the forced IMU is not there.
+    """
+    reasons: list[str] = []
+    source, rate = _choose_imu(rows, imu, reasons)
+    autopilot = _latest(rows, AUTOPILOT)
+    delays = ARDUPILOT_DELAYS if autopilot == ARDUPILOT else dict.fromkeys(ARDUPILOT_DELAYS, 0.0)
+    vehicle = config.vehicle
+    strapdown = source is not None and rate >= config.model.strapdown_hz
+    if model is not None:
+        strapdown = model == "strapdown" and source is not None
+        reasons.append(f"model {model}, as asked")
+    elif source is None:
+        reasons.append("model constant-velocity: without an IMU there is no attitude, and between fixes the velocity is assumed to last")
+    elif strapdown:
+        reasons.append("model strapdown: the IMU is fast enough to be integrated")
+    else:
+        reasons.append(
+            f"model constant-velocity: an IMU at {rate:.2g} Hz is too slow to be integrated ({config.model.strapdown_hz:g} Hz is the least), "
+            "so it gives attitude only, and velocity and position come from GNSS and barometer"
+        )
+    magnetometers = ([source] if source is not None else []) + list(IMU_SOURCES)
+
+    def delay(configured: float | None, name: str) -> float:
+        return delays[name] if configured is None else configured
+
+    return Setup(
+        imu=source,
+        imu_rate_hz=rate,
+        gnss=_choose_gnss(rows),
+        magnetometer=_first_of(rows, Kind.MAGNETOMETER, magnetometers),
+        barometer=_first_of(rows, Kind.BAROMETER, BAROMETER_ORDER),
+        autopilot=autopilot,
+        vehicle_type=_latest(rows, VEHICLE_TYPE),
+        gnss_delay=delay(vehicle.gnss_delay_s, "gnss"),
+        imu_delay=delay(vehicle.imu_delay_s, "imu"),
+        magnetometer_delay=delay(vehicle.magnetometer_delay_s, "magnetometer"),
+        barometer_delay=delay(vehicle.barometer_delay_s, "barometer"),
+        strapdown=strapdown,
+        reasons=tuple(reasons),
+    )
+
+
+def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
+    """The parameter array of the fold."""
+    noise, gates = config.noise, config.gates
+    declination = config.vehicle.magnetic_declination_deg
+    values = {
+        Parameter.WANT_STRAPDOWN: float(setup.strapdown),
+        Parameter.GYRO: noise.gyro,
+        Parameter.ACCEL: noise.accelerometer,
+        Parameter.GYRO_WALK: noise.gyro_bias_walk,
+        Parameter.ACCEL_WALK: noise.accelerometer_bias_walk,
+        Parameter.GYRO_BIAS: noise.gyro_bias_initial,
+        Parameter.ACCEL_BIAS: noise.accelerometer_bias_initial,
+        Parameter.SAMPLING: noise.sampling,
+        Parameter.GNSS_HORIZONTAL: noise.gnss_horizontal_m,
+        Parameter.GNSS_VERTICAL: noise.gnss_vertical_m,
+        Parameter.GNSS_FLOOR: noise.gnss_position_floor_m,
+        Parameter.SPEED: noise.gnss_speed_m_s,
+        Parameter.SPEED_FLOOR: noise.gnss_speed_floor_m_s,
+        Parameter.COURSE: noise.gnss_course_m_s,
+        Parameter.BARO: noise.barometer_m,
+        Parameter.BARO_WALK: noise.barometer_walk,
+        Parameter.HEADING: noise.heading_rad,
+        Parameter.ACCELERATION: noise.acceleration_m_s2,
+        Parameter.ACCELERATION_TIME: noise.acceleration_time_s,
+        Parameter.LIMIT_1: limit(gates.false_rejection, 1),
+        Parameter.LIMIT_2: limit(gates.false_rejection, 2),
+        Parameter.LIMIT_3: limit(gates.false_rejection, 3),
+        Parameter.RESET: gates.reset_s,
+        Parameter.GAP: gates.gap_s,
+        Parameter.DECLINATION: math.nan if declination is None else math.radians(declination),
+        Parameter.USE_MAGNETOMETER: float(config.vehicle.use_magnetometer),
+        Parameter.USE_BAROMETER: float(config.vehicle.use_barometer),
+    }
+    array = np.empty(PARAMETERS)
+    for parameter, value in values.items():
+        array[parameter] = value
+    return array

@@ -1,0 +1,152 @@
+"""The timeline: events in the order in which they were measured, folded offline at once or live with late ones put in their place."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.navigation import layout as L
+from mavkf.navigation.fold import GNSS_KIND, IMU_KIND, fold
+from mavkf.navigation.layout import Parameter
+from mavkf.navigation.pose import pose_row
+from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME
+
+STRIDE = 16  # events between snapshots
+# The cursor: whole numbers that a live run keeps beside its arrays.
+EVENTS, FOLDED, LAST_SLOT, POSES, LATE = range(5)
+CURSOR_SIZE = 5
+NEWEST_IMU, NEWEST = 0, 1  # times (s) kept beside it
+MARKS_SIZE = 2
+
+
+@compiled
+def precedes(a, b):
+    """Whether event a comes before event b: by time measured, then kind, source and sequence number, whatever came in first."""
+    if a[TIME] != b[TIME]:
+        return a[TIME] < b[TIME]
+    if a[KIND] != b[KIND]:
+        return a[KIND] < b[KIND]
+    if a[SOURCE] != b[SOURCE]:
+        return a[SOURCE] < b[SOURCE]
+    return a[SEQUENCE] < b[SEQUENCE]
+
+
+def in_order(events: np.ndarray) -> np.ndarray:
+    """The events (n, EVENT_WIDTH) sorted by `precedes`; equal ones keep their order."""
+    order = np.lexsort((events[:, SEQUENCE], events[:, SOURCE], events[:, KIND], events[:, TIME]))
+    return np.ascontiguousarray(events[order])
+
+
+@compiled
+def publishes(e, newest_imu, c):
+    """Whether this event's arrival makes a pose: an IMU sample, or a fix while there is no IMU."""
+    kind = int(e[KIND])
+    return kind == IMU_KIND or (kind == GNSS_KIND and not e[TIME] - newest_imu <= c[Parameter.GAP])
+
+
+@compiled
+def slot_of(t, rate):
+    """The number of the output interval that a time (s) falls into; rate in Hz, 0: every step has its own."""
+    return math.floor(t * rate + 1e-6)
+
+
+@compiled
+def run_batch(s, events, first, c, rate, poses, out, reported):
+    """Fold sorted events from index `first` on; write a pose row at every output interval.
+
+    Stops where an output buffer might overflow. Returns the index to go on from and the number of pose rows written.
+    """
+    count = 0
+    slot = slot_of(s[L.T], rate) if math.isfinite(s[L.T]) else -1
+    counts = out[2]
+    i = first
+    while i < events.shape[0]:
+        if count >= poses.shape[0] or counts[0] + 80 > out[0].shape[0] or counts[1] + 80 > out[1].shape[0]:
+            break
+        e = events[i]
+        makes_pose = publishes(e, s[L.T_IMU], c)
+        fold(s, e, c, out, reported)
+        i += 1
+        if makes_pose and math.isfinite(s[L.T]):
+            now = slot_of(s[L.T], rate)
+            if rate == 0.0 or now > slot:
+                slot = now
+                pose_row(s, c, poses[count])
+                count += 1
+    return i, count
+
+
+@compiled
+def insert(events, n, e):
+    """Put an event into the sorted first n rows; returns where. Equal ones keep their order of arrival."""
+    i = n
+    while i > 0 and precedes(e, events[i - 1]):
+        i -= 1
+    for k in range(n, i, -1):
+        events[k, :] = events[k - 1]
+    events[i, :] = e
+    return i
+
+
+@compiled
+def forget_old(events, snapshots, cursor):
+    """Drop the older half of a full history, in whole strides."""
+    drop = (cursor[EVENTS] // 2 // STRIDE) * STRIDE
+    for k in range(cursor[EVENTS] - drop):
+        events[k, :] = events[k + drop]
+    moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
+    for k in range(moved):
+        snapshots[k, :] = snapshots[k + drop // STRIDE]
+    cursor[EVENTS] -= drop
+    cursor[FOLDED] -= drop
+
+
+@compiled
+def fold_to_end(s, events, snapshots, cursor, c, out, reported):
+    """Fold what has not been folded; keep a snapshot before every STRIDE-th event."""
+    for k in range(cursor[FOLDED], cursor[EVENTS]):
+        if k % STRIDE == 0:
+            snapshots[k // STRIDE, :] = s
+        fold(s, events[k], c, out, reported)
+    cursor[FOLDED] = cursor[EVENTS]
+
+
+@compiled
+def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out, reported):
+    """Take events in the order of arrival, from index `first` on; each goes to its place and what follows is folded again.
+
+    events (capacity, EVENT_WIDTH) and snapshots (capacity / STRIDE + 1, STATE_SIZE) hold the history; cursor and marks go with them.
+    Writes a pose row for each newest IMU sample of a new output interval. An event older than the newest by more than
+    the window is counted and dropped. Returns the index to go on from and the number of pose rows (stops where a buffer might overflow).
+    """
+    count = 0
+    counts = out[2]
+    i = first
+    while i < arrived.shape[0]:
+        if count >= poses.shape[0] or counts[0] + 80 > out[0].shape[0] or counts[1] + 80 > out[1].shape[0]:
+            break
+        e = arrived[i]
+        i += 1
+        if e[TIME] < marks[NEWEST] - window:
+            cursor[LATE] += 1
+            continue
+        makes_pose = publishes(e, marks[NEWEST_IMU], c) and not e[TIME] <= marks[NEWEST_IMU]
+        marks[NEWEST] = max(marks[NEWEST], e[TIME])
+        if int(e[KIND]) == IMU_KIND and not e[TIME] <= marks[NEWEST_IMU]:
+            marks[NEWEST_IMU] = e[TIME]
+        if cursor[EVENTS] >= events.shape[0]:
+            forget_old(events, snapshots, cursor)
+        place = insert(events, cursor[EVENTS], e)
+        cursor[EVENTS] += 1
+        if place < cursor[FOLDED]:
+            k = place // STRIDE
+            s[:] = snapshots[k]
+            cursor[FOLDED] = k * STRIDE
+        fold_to_end(s, events, snapshots, cursor, c, out, reported)
+        if makes_pose and math.isfinite(s[L.T]):
+            now = slot_of(s[L.T], rate)
+            if rate == 0.0 or now > cursor[LAST_SLOT]:
+                cursor[LAST_SLOT] = now
+                pose_row(s, c, poses[count])
+                count += 1
+    return i, count

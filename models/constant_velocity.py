@@ -1,0 +1,46 @@
+"""Constant velocity: position and velocity driven by white acceleration, linear; attitude apart, by gyro and gravity.
+
+It has the layout of `strapdown`, so that the estimator passes from one model to the other with its covariance. The specific force
+does not enter: what is left of Phi is the plain Kalman filter's [[1, dt], [0, 1]] (Bar-Shalom, Li and Kirubarajan, "Estimation
+with Applications to Tracking and Navigation", section 6.2.2) beside the attitude error driven by the gyro bias.
+"""
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models.rotation import rotation_matrix
+from mavkf.models.strapdown import DBG, POS, Q, THETA, V, VEL, move, propagate_attitude, rates_of_frame
+
+
+@compiled
+def propagate(x, imu0, imu1, dt, average):
+    """Advance the nominal state by dt (s), in place; arguments as of `strapdown.propagate`, the specific force unused."""
+    frame = average[12:18]
+    rates_of_frame(x, frame)
+    C0 = np.empty((3, 3))
+    C1 = np.empty((3, 3))
+    rotation_matrix(x[Q : Q + 4], C0)
+    propagate_attitude(x, imu0, imu1, dt, frame)
+    rotation_matrix(x[Q : Q + 4], C1)
+    for i in range(3):
+        for j in range(3):
+            average[3 + 3 * i + j] = 0.5 * (C0[i, j] + C1[i, j])
+    move(x, dt * x[V], dt * x[V + 1], dt * x[V + 2])
+
+
+@compiled
+def transition(x, average, dt, Phi):
+    """Rows of attitude, velocity and position of the transition matrix over dt: Phi, shape (9, 15), as of `strapdown.transition`."""
+    Phi[:, :] = 0.0
+    C = average[3:12].reshape((3, 3))
+    frame = average[12:18]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        Phi[THETA + i, THETA + i] = 1.0
+        Phi[VEL + i, VEL + i] = 1.0
+        Phi[POS + i, POS + i] = 1.0
+        Phi[POS + i, VEL + i] = dt
+        Phi[THETA + i, THETA + j] = frame[k] * dt
+        Phi[THETA + i, THETA + k] = -frame[j] * dt
+        for m in range(3):
+            Phi[THETA + i, DBG + m] = -C[i, m] * dt

@@ -1,0 +1,192 @@
+"""Strapdown navigation: the IMU is the input, the state is attitude, velocity, position and the slow errors of sensors.
+
+Nominal state x (shape `X_SIZE`): q_nb (4), v_n (3, m/s), latitude and longitude (rad), height (m), gyro bias (3, rad/s),
+accelerometer bias (3, m/s^2), barometer bias (1, m).
+
+Error state dx (shape `N`), with its covariance P: dtheta_n (3, rad, on the left), dv_n (3, m/s), dp_n (3, m, north-east-down),
+dbg_b (3), dba_b (3), barometer bias (1).
+
+Mechanisation: Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems", 2nd ed., section 5.4, with rotation
+and force averaged by the trapezoid of two samples and the coning term of two-sample algorithms (Savage 1998, eq. 46: dt^2/12 w0 x w1).
+Error equations: Groves section 14.2.4, with the signs of the left error used here.
+"""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models.earth import EARTH_RATE, SEMI_MAJOR_AXIS, gravity, radii
+from mavkf.models.rotation import quaternion_log, quaternion_product, rotate_left, rotate_right, rotation_matrix
+
+Q, V, LATITUDE, LONGITUDE, HEIGHT, BG, BA, BARO = 0, 4, 7, 8, 9, 10, 13, 16
+X_SIZE = 17
+
+THETA, VEL, POS, DBG, DBA, DBARO = 0, 3, 6, 9, 12, 15
+N = 16
+TOP = 15  # error states that the rotation, velocity and position rows depend on
+
+
+@compiled
+def rates_of_frame(x, out):
+    """Angular rates of n in n (rad/s): out[0:3] = omega_in = omega_ie + omega_en, out[3:6] = omega_ie; returns g (m/s^2).
+
+    x: nominal state. Raises nothing; near the poles the transport rate grows without bound (such positions are refused earlier).
+    """
+    latitude = x[LATITUDE]
+    meridian, transverse = radii(latitude)
+    h = x[HEIGHT]
+    out[3] = EARTH_RATE * math.cos(latitude)
+    out[4] = 0.0
+    out[5] = -EARTH_RATE * math.sin(latitude)
+    out[0] = out[3] + x[V + 1] / (transverse + h)
+    out[1] = -x[V] / (meridian + h)
+    out[2] = out[5] - x[V + 1] * math.tan(latitude) / (transverse + h)
+    return gravity(latitude, h)
+
+
+@compiled
+def move(x, north, east, down):
+    """Move the position by metres in n, in place."""
+    meridian, transverse = radii(x[LATITUDE])
+    x[LONGITUDE] += east / ((transverse + x[HEIGHT]) * math.cos(x[LATITUDE]))
+    x[LATITUDE] += north / (meridian + x[HEIGHT])
+    x[HEIGHT] -= down
+    if x[LONGITUDE] > math.pi:
+        x[LONGITUDE] -= 2.0 * math.pi
+    elif x[LONGITUDE] < -math.pi:
+        x[LONGITUDE] += 2.0 * math.pi
+
+
+@compiled
+def offset(latitude, longitude, height, latitude0, longitude0, height0, out):
+    """Metres north, east, down (3,) from position 0 to the first; curvature taken half way."""
+    meridian, transverse = radii(0.5 * (latitude + latitude0))
+    half = 0.5 * (height + height0)
+    east = longitude - longitude0
+    if east > math.pi:
+        east -= 2.0 * math.pi
+    elif east < -math.pi:
+        east += 2.0 * math.pi
+    out[0] = (latitude - latitude0) * (meridian + half)
+    out[1] = east * (transverse + half) * math.cos(0.5 * (latitude + latitude0))
+    out[2] = height0 - height
+
+
+@compiled
+def propagate_attitude(x, imu0, imu1, dt, frame):
+    """Advance q by the gyro only, in place. imu: (6,) omega_b, f_b; frame: as of `rates_of_frame`."""
+    w0x, w0y, w0z = imu0[0] - x[BG], imu0[1] - x[BG + 1], imu0[2] - x[BG + 2]
+    w1x, w1y, w1z = imu1[0] - x[BG], imu1[1] - x[BG + 1], imu1[2] - x[BG + 2]
+    k = dt * dt / 12.0
+    q = x[Q : Q + 4]
+    rotate_right(
+        q,
+        0.5 * dt * (w0x + w1x) + k * (w0y * w1z - w0z * w1y),
+        0.5 * dt * (w0y + w1y) + k * (w0z * w1x - w0x * w1z),
+        0.5 * dt * (w0z + w1z) + k * (w0x * w1y - w0y * w1x),
+    )
+    rotate_left(q, -frame[0] * dt, -frame[1] * dt, -frame[2] * dt)
+
+
+@compiled
+def propagate(x, imu0, imu1, dt, average):
+    """Advance the nominal state by dt (s) with the samples at both ends of the interval, in place.
+
+    imu0, imu1: (6,) angular rate omega_b (rad/s) and specific force f_b (m/s^2) as measured, biases not removed.
+    average: (21,), filled with what `transition` needs of the interval: f_n (3), C_nb at its middle (9), the rates of the frame (6),
+    g, and the radii plus height (2).
+    """
+    frame = average[12:18]
+    g = rates_of_frame(x, frame)
+    C0 = np.empty((3, 3))
+    C1 = np.empty((3, 3))
+    rotation_matrix(x[Q : Q + 4], C0)
+    propagate_attitude(x, imu0, imu1, dt, frame)
+    rotation_matrix(x[Q : Q + 4], C1)
+    for i in range(3):
+        total = 0.0
+        for j in range(3):
+            total += C0[i, j] * (imu0[3 + j] - x[BA + j]) + C1[i, j] * (imu1[3 + j] - x[BA + j])
+            average[3 + 3 * i + j] = 0.5 * (C0[i, j] + C1[i, j])
+        average[i] = 0.5 * total
+    v0, v1, v2 = x[V], x[V + 1], x[V + 2]
+    rx, ry, rz = frame[0] + frame[3], frame[1] + frame[4], frame[2] + frame[5]
+    x[V] = v0 + dt * (average[0] - (ry * v2 - rz * v1))
+    x[V + 1] = v1 + dt * (average[1] - (rz * v0 - rx * v2))
+    x[V + 2] = v2 + dt * (average[2] - (rx * v1 - ry * v0) + g)
+    average[18] = g
+    meridian, transverse = radii(x[LATITUDE])
+    average[19] = meridian + x[HEIGHT]
+    average[20] = transverse + x[HEIGHT]
+    move(x, 0.5 * dt * (v0 + x[V]), 0.5 * dt * (v1 + x[V + 1]), 0.5 * dt * (v2 + x[V + 2]))
+
+
+@compiled
+def transition(x, average, dt, Phi):
+    """Rows of attitude, velocity and position of the transition matrix over dt: Phi, shape (9, TOP); the other rows are the identity.
+
+    Second order in dt where the coupling is through the specific force, first order in the (slow) rates of the frame.
+    """
+    Phi[:, :] = 0.0
+    f = average[0:3]
+    C = average[3:12].reshape((3, 3))
+    frame = average[12:18]
+    half = 0.5 * dt * dt
+    sixth = dt * dt * dt / 6.0
+    for i in range(3):
+        Phi[THETA + i, THETA + i] = 1.0
+        Phi[VEL + i, VEL + i] = 1.0
+        Phi[POS + i, POS + i] = 1.0
+        Phi[POS + i, VEL + i] = dt
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # -[w x]: entry (i, j) is +w_k, entry (i, k) is -w_j
+        Phi[THETA + i, THETA + j] = frame[k] * dt
+        Phi[THETA + i, THETA + k] = -frame[j] * dt
+        Phi[VEL + i, VEL + j] += (frame[k] + frame[3 + k]) * dt
+        Phi[VEL + i, VEL + k] -= (frame[j] + frame[3 + j]) * dt
+        Phi[VEL + i, THETA + j] = f[k] * dt
+        Phi[VEL + i, THETA + k] = -f[j] * dt
+        Phi[POS + i, THETA + j] = f[k] * half
+        Phi[POS + i, THETA + k] = -f[j] * half
+        for m in range(3):
+            Phi[THETA + i, DBG + m] = -C[i, m] * dt
+            Phi[VEL + i, DBA + m] = -C[i, m] * dt
+            Phi[POS + i, DBA + m] = -C[i, m] * half
+            cross = f[j] * C[k, m] - f[k] * C[j, m]  # ([f x] C)_im
+            Phi[VEL + i, DBG + m] = cross * half
+            Phi[POS + i, DBG + m] = cross * sixth
+    # the frame turns with the velocity; gravity falls with height
+    Phi[THETA, VEL + 1] = -dt / average[20]
+    Phi[THETA + 1, VEL] = dt / average[19]
+    Phi[THETA + 2, VEL + 1] = dt * math.tan(x[LATITUDE]) / average[20]
+    Phi[VEL + 2, POS + 2] = 2.0 * average[18] / SEMI_MAJOR_AXIS * dt
+
+
+@compiled
+def retract(x, dx):
+    """x <- x boxplus dx, in place: left rotation by dtheta_n, metres in n for the position, sums for the rest."""
+    rotate_left(x[Q : Q + 4], dx[THETA], dx[THETA + 1], dx[THETA + 2])
+    for i in range(3):
+        x[V + i] += dx[VEL + i]
+    move(x, dx[POS], dx[POS + 1], dx[POS + 2])
+    for i in range(N - DBG):
+        x[BG + i] += dx[DBG + i]
+
+
+@compiled
+def local(x, y, dx):
+    """dx = y boxminus x, the inverse of `retract`: retract(x, dx) is y."""
+    conjugate = np.array([x[Q], -x[Q + 1], -x[Q + 2], -x[Q + 3]])
+    difference = np.empty(4)
+    quaternion_product(y[Q : Q + 4], conjugate, difference)
+    quaternion_log(difference, dx[THETA : THETA + 3])
+    for i in range(3):
+        dx[VEL + i] = y[V + i] - x[V + i]
+    meridian, transverse = radii(x[LATITUDE])
+    dx[POS] = (y[LATITUDE] - x[LATITUDE]) * (meridian + x[HEIGHT])
+    dx[POS + 1] = (y[LONGITUDE] - x[LONGITUDE]) * (transverse + x[HEIGHT]) * math.cos(x[LATITUDE])
+    dx[POS + 2] = x[HEIGHT] - y[HEIGHT]
+    for i in range(N - DBG):
+        dx[DBG + i] = y[BG + i] - x[BG + i]
