@@ -210,7 +210,7 @@ def scaled_pressure(messages: Messages, counts: DecodeCounts) -> list[Rows]:
 def _gnss(messages: Messages, height: Floats, selected: Bools) -> Rows:
     """Fill what all GNSS messages share.
 
-    A receiver without a fix has no time of measurement (ArduPilot repeats the time of the last fix), so no STAMP either.
+    A receiver without a fix has no time of measurement (ArduPilot repeats that of the last fix), so no STAMP either.
     """
     out = _start(messages, Kind.GNSS, selected)
     m, rows = messages[out.indices], out.rows
