@@ -45,7 +45,9 @@ def rendezvous(monkeypatch: pytest.MonkeyPatch) -> str:
     return endpoint
 
 
-def run(*arguments: str, code: str = "import sys; from mavkf.cli import main; sys.exit(main())") -> subprocess.Popen:
+def run(
+    *arguments: str, code: str = "import sys; from mavkf.cli import main; sys.exit(main())"
+) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -160,7 +162,7 @@ def test_watch_that_was_first_shows_a_table_in_a_terminal(rendezvous: str) -> No
     ("end", "code"), [(lambda p: p.send_signal(signal.SIGINT), 130), (lambda p: p.stdout.close(), 141)]
 )
 def test_interruption_and_a_closed_pipe_end_at_once_and_quietly(
-    rendezvous: str, end: Callable[[subprocess.Popen], None], code: int
+    rendezvous: str, end: Callable[[subprocess.Popen[str]], None], code: int
 ) -> None:
     with open_session(publishes=True) as session, Publisher(session, "1-1") as publisher:
         process = run("watch", "--json")

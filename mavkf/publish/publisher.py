@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Literal, Self
 
 import zenoh
+from zenoh.handlers import Callback
 
 from mavkf.estimate import Innovation, Record
 from mavkf.publish.records import ENCODINGS, Encoding, check_choice, check_name, encode, finite, key_of
@@ -56,8 +57,9 @@ class Publisher:
         self._latest: dict[str, tuple[bytes, zenoh.Timestamp]] = {}
         for what in ("pose", "status", "event"):
             self._declare(self._root + what)
+        # Not in a Python thread: the interpreter would wait for it at its end if nobody closes this.
         # Answers before the token, so that whoever sees the vehicle alive can ask for its latest values.
-        self._queryable = session.declare_queryable(self._root + "**", self._answer)
+        self._queryable = session.declare_queryable(self._root + "**", Callback(self._answer, indirect=False))
         self._token = session.liveliness().declare_token(self._root + "alive")
 
     def publish(self, record: Record) -> None:
@@ -94,7 +96,7 @@ class Publisher:
                 found.set()
 
         pose = self._publishers[self._root + "pose"]
-        with pose.declare_matching_listener(note):
+        with pose.declare_matching_listener(Callback(note, indirect=False)):
             status: zenoh.MatchingStatus = pose.matching_status  # type: ignore[assignment]  # the stub says bool
             return status.matching or found.wait(timeout_s)
 

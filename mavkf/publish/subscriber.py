@@ -5,6 +5,7 @@ for pose in mavkf.subscribe("1-1"):
 """
 
 import threading
+import weakref
 from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -83,15 +84,22 @@ class Inbox:
             self.changed.notify_all()
 
 
+def _end(inbox: Inbox, session: zenoh.Session) -> None:
+    inbox.close()
+    session.close()  # type: ignore[no-untyped-call]
+
+
 class Subscription(Generic[R]):
     """Iterates over the records of one kind as they come, for ever; a context manager. Made by `subscribe`."""
 
     def __init__(self, session: zenoh.Session, vehicle: str, what: What, *, latest_only: bool) -> None:
-        self._session = session
         self._inbox = inbox = Inbox(latest_only=latest_only)  # callbacks hold the inbox, never this object
         self._last: dict[str, tuple[int, int]] = {}
+        # Also when the reader drops this object, or the process ends: an open session would hang the interpreter.
+        self._end = weakref.finalize(self, _end, inbox, session)
         tail = "innovation/*" if what == "innovation" else what
-        # Both called in the thread that reads the link, so that an answer cannot overtake what was sent before it.
+        # Called in the threads that read the links: an answer cannot overtake what was sent before it, and there are no
+        # Python threads that the interpreter would wait for at its end.
         session.declare_subscriber(f"mavkf/{vehicle}/{tail}", Callback(inbox.take, indirect=False))
 
         def hear(reply: zenoh.Reply) -> None:
@@ -106,7 +114,7 @@ class Subscription(Generic[R]):
             if token.kind == zenoh.SampleKind.PUT:
                 session.get(f"mavkf/{name}/{tail}", Callback(hear, indirect=False))
 
-        session.liveliness().declare_subscriber(f"mavkf/{vehicle}/alive", greet, history=True)
+        session.liveliness().declare_subscriber(f"mavkf/{vehicle}/alive", Callback(greet, indirect=False), history=True)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -140,8 +148,7 @@ class Subscription(Generic[R]):
 
     def close(self) -> None:
         """End the subscription and its session; the iteration ends."""
-        self._inbox.close()
-        self._session.close()  # type: ignore[no-untyped-call]
+        self._end()
 
     def __iter__(self) -> Self:
         return self
@@ -159,10 +166,6 @@ class Subscription(Generic[R]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    def __del__(self) -> None:
-        if "_inbox" in self.__dict__ and not self._inbox.closed:
-            self.close()
 
     def _is_new(self, key: str, record: Record, asked: bool) -> bool:
         """Count what is missing before a record; False for an answer that is no newer than what came by itself."""

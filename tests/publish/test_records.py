@@ -1,5 +1,6 @@
 import json
 from math import inf, nan
+from typing import Any
 
 import msgspec
 import pytest
@@ -40,7 +41,7 @@ def test_a_record_fits_the_schema(what: str, record: Record) -> None:
     check(json.loads(encode(record)), written["$defs"][type(record).__name__], written["$defs"])
 
 
-def check(value: object, rule: dict, defs: dict) -> None:
+def check(value: object, rule: dict[str, Any], defs: dict[str, Any]) -> None:
     """As much of JSON schema as the printed one uses; anything else in it fails."""
     unknown = set(rule) - {
         *("title", "description", "default", "type", "properties", "required", "items", "prefixItems", "enum"),

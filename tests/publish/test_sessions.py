@@ -180,6 +180,29 @@ def test_iteration_without_with_ends_by_close(rendezvous: str) -> None:
             subscription.close()
 
 
+FORGETFUL = """
+import sys
+from mavkf.estimate import Pose
+from mavkf.publish.publisher import Publisher
+from mavkf.publish.session import open_session
+from mavkf.publish.subscriber import subscribe
+session = open_session(publishes=True)
+publisher = Publisher(session, "1-1")
+publisher.publish(Pose(vehicle="1-1", session=0, seq=5))
+publisher.wait_for_subscriber(0.01)
+subscription = subscribe()
+for pose in subscribe():
+    break
+print(next(subscription).seq + pose.seq)
+"""
+
+
+def test_a_process_that_closes_nothing_ends(rendezvous: str, start: Callable[..., Child]) -> None:
+    child = start(FORGETFUL)
+    child.wait_for("10")
+    assert child.process.wait(timeout=10) == 0
+
+
 def test_the_rest_find_each_other_when_the_holder_of_the_rendezvous_dies(
     rendezvous: str, start: Callable[..., Child]
 ) -> None:
