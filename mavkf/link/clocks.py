@@ -261,8 +261,8 @@ class VehicleClock:
     @property
     def counts(self) -> ClockCounts:
         """Everything since the start."""
-        *counts, longest_gap_s = self._state[ROWS : LONGEST_GAP + 1].tolist()
-        return ClockCounts(*map(int, counts), longest_gap_s)
+        rows, reboots, late, bad_stamps, untimed, gaps = map(int, self._state[ROWS:LONGEST_GAP])
+        return ClockCounts(rows, reboots, late, bad_stamps, untimed, gaps, float(self._state[LONGEST_GAP]))
 
     def push(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take rows (n, ROW_WIDTH) in order of arrival; return those decided by now, in order of arrival."""
