@@ -12,8 +12,17 @@ from msgspec import Meta, Struct
 
 SCHEMA_VERSION = 1
 
-FLAGS: tuple[str, ...] = ()
-"""The names that may stand in `flags`."""
+FLAGS: tuple[str, ...] = (
+    "no_imu",
+    "no_gnss",
+    "no_magnetometer",
+    "yaw_unknown",
+    "imu_slow",
+    "constant_velocity",
+    "gnss_refused",
+)
+"""The names that may stand in `flags`: no sample of a sensor for two seconds (`no_...`); heading not known yet; IMU too slow to be
+integrated; velocity and position from GNSS and barometer alone; the last fixes were refused by the gate."""
 
 Vector3 = tuple[float, float, float]
 PartialVector3 = tuple[float | None, float | None, float | None]

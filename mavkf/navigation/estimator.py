@@ -7,7 +7,7 @@
 or, offline, `run_offline(rows, config)`: the same events in the order in which they were measured, in one go.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import msgspec
 import numpy as np
@@ -24,7 +24,8 @@ from mavkf.samples import ARRIVAL, FIX, KIND, LATITUDE, LONGITUDE, ROW_WIDTH, SO
 Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
 HISTORY = 16_384  # events kept for late ones: five seconds at 3 kHz
-BUFFER = 4_096
+BUFFER = 1_024
+EARLY = 256  # rows kept from before the first sensor's
 
 
 class Output(msgspec.Struct):
@@ -79,18 +80,9 @@ class SessionEstimator:
         self._waiting: list[Array] = []
         self._first_sensor = np.nan
         self._next_id = 0
-        self._events = np.empty((HISTORY, L.EVENT_WIDTH))
-        self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
         self._cursor = np.zeros(timeline.CURSOR_SIZE, dtype=np.int64)
         self._cursor[timeline.LAST_SLOT] = -1
         self._marks = np.full(timeline.MARKS_SIZE, -np.inf)
-        self._reported = np.full(4 * HISTORY, -1.0)
-        self._out = (
-            np.empty((BUFFER, L.INNOVATION_WIDTH)),
-            np.empty((BUFFER, L.NOTE_WIDTH)),
-            np.zeros(2, dtype=np.int64),
-        )
-        self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
     @property
     def late(self) -> int:
@@ -113,12 +105,23 @@ class SessionEstimator:
             self._start(waiting)
             yield from self._run(waiting)
 
+    @property
+    def has_sensor(self) -> bool:
+        """Whether an IMU or GNSS sample has come: without one there is nothing to estimate."""
+        return bool(np.isfinite(self._first_sensor))
+
     def _decide(self, rows: Array) -> Array:
         """Keep rows until the set-up's time is over; returns those to run (all, once it is)."""
         for i in range(rows.shape[0]):
             row = rows[i]
-            if row[KIND] in (Kind.IMU, Kind.GNSS) and not np.isfinite(self._first_sensor):
+            if not self.has_sensor:
+                if row[KIND] not in (Kind.IMU, Kind.GNSS):
+                    continue
                 self._first_sensor = row[TIME]
+                # what came long before the first sensor says nothing about it
+                before = np.concatenate([*self._waiting, rows[:i]])
+                self._waiting = [before[-EARLY:]]
+                return self._decide(rows[i:])
             if row[TIME] - self._first_sensor >= self.config.timeline.setup_s:
                 seen = np.concatenate([*self._waiting, rows[: i + 1]])
                 patient = row[TIME] - self._first_sensor < LONGEST_SETUP * self.config.timeline.setup_s
@@ -128,6 +131,8 @@ class SessionEstimator:
                 self._start(seen)
                 return np.concatenate([seen, rows[i + 1 :]])
         self._waiting.append(rows.copy())
+        if not self.has_sensor:
+            self._waiting = [np.concatenate(self._waiting)[-EARLY:]]
         return rows[:0]
 
     def _start(self, seen: Array) -> None:
@@ -135,8 +140,21 @@ class SessionEstimator:
         self.parameters = parameters(self.config, self.setup)
         begin(self.state, self.parameters)
 
+    def _allocate(self) -> None:
+        self._events = np.empty((HISTORY, L.EVENT_WIDTH))
+        self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
+        self._reported = np.full(4 * HISTORY, -1.0)
+        self._out = (
+            np.empty((BUFFER, L.INNOVATION_WIDTH)),
+            np.empty((BUFFER, L.NOTE_WIDTH)),
+            np.zeros(2, dtype=np.int64),
+        )
+        self._poses = np.empty((BUFFER, L.POSE_WIDTH))
+
     def _run(self, rows: Array) -> Iterator[Output]:
         assert self.setup is not None
+        if self._next_id == 0:
+            self._allocate()
         chosen = rows[select(rows, self.setup)]
         events = to_events(chosen, self.setup, self._next_id)
         self._next_id += events.shape[0]
@@ -165,6 +183,15 @@ class SessionEstimator:
             )
 
 
+def fold_counts(state: Array) -> dict[str, int]:
+    """What a state has counted: repeated values, fixes without a position, gaps of the IMU."""
+    return {
+        "repeated": int(state[L.DUPLICATES]),
+        "without_fix": int(state[L.NO_FIX]),
+        "imu_gaps": int(state[L.GAP_COUNT]),
+    }
+
+
 class Offline(msgspec.Struct):
     """An offline run: its set-up, what it wrote, the final state, and the parameters."""
 
@@ -175,9 +202,17 @@ class Offline(msgspec.Struct):
 
 
 def run_offline(
-    rows: Array, config: Config, rate_hz: float = 50.0, imu: Source | None = None, model: str | None = None
+    rows: Array,
+    config: Config,
+    rate_hz: float = 50.0,
+    imu: Source | None = None,
+    model: str | None = None,
+    progress: Callable[[float], object] | None = None,
 ) -> Offline:
-    """Fold a session's rows (n, ROW_WIDTH; in the order of arrival) in the order in which they were measured."""
+    """Fold a session's rows (n, ROW_WIDTH; in the order of arrival) in the order in which they were measured.
+
+    progress: called with the share that is done, now and then.
+    """
     decider = SessionEstimator(config, rate_hz, imu, model)
     decider._decide(rows)
     if decider.setup is None:
@@ -187,14 +222,16 @@ def run_offline(
     c = decider.parameters
     events = timeline.in_order(to_events(rows[select(rows, setup)], setup, 0))
     state = decider.state
-    out = (np.empty((4 * BUFFER, L.INNOVATION_WIDTH)), np.empty((BUFFER, L.NOTE_WIDTH)), np.zeros(2, dtype=np.int64))
-    poses = np.empty((4 * BUFFER, L.POSE_WIDTH))
+    out = (np.empty((16 * BUFFER, L.INNOVATION_WIDTH)), np.empty((BUFFER, L.NOTE_WIDTH)), np.zeros(2, dtype=np.int64))
+    poses = np.empty((16 * BUFFER, L.POSE_WIDTH))
     reported = np.full(max(1, events.shape[0]), -1.0)
     parts: list[Output] = []
     i = 0
     while i < events.shape[0]:
         out[2][:] = 0
         i, n = timeline.run_batch(state, events, i, c, rate_hz, poses, out, reported)
+        if progress is not None:
+            progress(i / events.shape[0])
         parts.append(Output(poses[:n].copy(), out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))
     return Offline(setup, joined(parts), state, c)
 

@@ -1,0 +1,172 @@
+"""From the numbers of the fold to the records of `mavkf.estimate`: units of the outside, None for what is not known, words for events."""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.estimate import FLAGS, Event, Innovation, Mode, Origin, Pose, Validity
+from mavkf.navigation import layout as L
+from mavkf.navigation.layout import NoteCode, Reason, Sensor
+from mavkf.samples import Source
+
+Array = NDArray[np.float64]
+MODES = tuple(Mode)
+SENSOR_NAMES = tuple(sensor.name.lower() for sensor in Sensor)
+REASONS = {Reason.GATE: "outlier", Reason.DISTURBED: "disturbed", Reason.SINGULAR: "singular"}
+INSTANCES = {Source.SCALED_IMU2: 1, Source.SCALED_IMU3: 2, Source.GPS2_RAW: 1, Source.SCALED_PRESSURE2: 1, Source.SCALED_PRESSURE3: 2}
+_KNOWN_IN_EULER = 3
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _vector(values: list[float]) -> Any:
+    return tuple(values) if all(map(math.isfinite, values)) else None
+
+
+def flag_names(bits: float) -> tuple[str, ...]:
+    """Names of the flags set in a pose row's R_FLAGS."""
+    return tuple(name for i, name in enumerate(FLAGS) if int(bits) >> i & 1)
+
+
+def validity(bits: float) -> Validity:
+    """What a pose row's R_VALID says."""
+    b = int(bits)
+    return Validity(
+        position=bool(b & L.VALID_POSITION),
+        velocity=bool(b & L.VALID_VELOCITY),
+        tilt=bool(b & L.VALID_TILT),
+        yaw=bool(b & L.VALID_YAW),
+    )
+
+
+def model_name(row: Array) -> str | None:
+    """The model that a pose row was made by, None before there is one."""
+    if row[L.R_MODEL]:
+        return "strapdown"
+    return "constant-velocity" if math.isfinite(row[L.R_LATITUDE]) else None
+
+
+class RecordWriter:
+    """Makes the records of one vehicle, with a running number for each key and session."""
+
+    def __init__(self, vehicle: str) -> None:
+        """vehicle: the name in the key."""
+        self.vehicle = vehicle
+        self.utc: Callable[[float], int | None] = lambda t: None
+        self._counts: defaultdict[tuple[str, int], int] = defaultdict(int)
+
+    def head(self, key: str, session: int, t: float | None) -> dict[str, Any]:
+        """The fields that every record begins with; takes the key's next number."""
+        seq = self._counts[key, session]
+        self._counts[key, session] = seq + 1
+        return {
+            "vehicle": self.vehicle,
+            "session": session,
+            "seq": seq,
+            "t_boot_s": t,
+            "utc_ns": None if t is None else self.utc(t),
+        }
+
+    def pose(self, row: Array, session: int) -> Pose:
+        """The Pose of a pose row (POSE_WIDTH,)."""
+        v: list[float] = row.tolist()
+        origin = v[L.R_ORIGIN_LATITUDE : L.R_ORIGIN_LATITUDE + 3]
+        height, undulation = v[L.R_HEIGHT], v[L.R_UNDULATION]
+        covariance = v[L.R_POSE_COVARIANCE : L.R_POSE_COVARIANCE + 36]
+        euler: Any = tuple(
+            math.degrees(a) if math.isfinite(a) else None for a in v[L.R_EULER : L.R_EULER + _KNOWN_IN_EULER]
+        )
+        return Pose(
+            **self.head("pose", session, v[L.R_TIME]),
+            lat_deg=_number(math.degrees(v[L.R_LATITUDE])),
+            lon_deg=_number(math.degrees(v[L.R_LONGITUDE])),
+            alt_amsl_m=_number(height),
+            alt_ellipsoid_m=_number(height + undulation),
+            origin=Origin(lat_deg=math.degrees(origin[0]), lon_deg=math.degrees(origin[1]), alt_amsl_m=origin[2])
+            if math.isfinite(origin[0])
+            else None,
+            position_ned_m=_vector(v[L.R_NED : L.R_NED + 3]),
+            velocity_ned_m_s=_vector(v[L.R_V : L.R_V + 3]),
+            quaternion_nb=_vector(v[L.R_Q : L.R_Q + 4]),
+            euler_deg=None if euler[0] is None else euler,
+            angular_rate_b_rad_s=_vector(v[L.R_RATE : L.R_RATE + 3]),
+            gyro_bias_b_rad_s=_vector(v[L.R_BG : L.R_BG + 3]),
+            accel_bias_b_m_s2=_vector(v[L.R_BA : L.R_BA + 3]),
+            pose_covariance=tuple(map(_number, covariance)) if any(map(math.isfinite, covariance)) else None,
+            velocity_covariance=_vector(v[L.R_VELOCITY_COVARIANCE : L.R_VELOCITY_COVARIANCE + 9]),
+            valid=validity(v[L.R_VALID]),
+            mode=MODES[int(v[L.R_MODE])],
+            flags=flag_names(v[L.R_FLAGS]),
+        )
+
+    def innovation(self, row: Array, session: int) -> Innovation:
+        """The Innovation of an innovation row (INNOVATION_WIDTH,)."""
+        v: list[float] = row.tolist()
+        m = int(v[L.I_SIZE])
+        sensor = SENSOR_NAMES[int(v[L.I_SENSOR])]
+        return Innovation(
+            **self.head("innovation/" + sensor, session, v[L.I_TIME]),
+            sensor=sensor,
+            instance=INSTANCES.get(Source(int(v[L.I_SOURCE])), 0),
+            r=tuple(map(_number, v[L.I_R : L.I_R + m])),
+            S=tuple(map(_number, v[L.I_S : L.I_S + m * m])),
+            nis=_number(v[L.I_NIS]),
+            limit=v[L.I_LIMIT],
+            fused=bool(v[L.I_FUSED]),
+            reason=REASONS.get(Reason(int(v[L.I_REASON]))),
+        )
+
+    def event(self, note: Array, session: int) -> Event:
+        """The Event of a note row (NOTE_WIDTH,)."""
+        code = NoteCode(int(note[L.NOTE_CODE]))
+        start, end, size, a, b = (float(x) for x in note[L.NOTE_START : L.NOTE_WIDTH])
+        evidence, text = _words(code, start, end, size, a, b)
+        return Event(
+            **self.head("event", session, end),
+            kind=code.name.lower(),
+            t_start_s=_number(start),
+            t_end_s=_number(end),
+            size=_number(size),
+            evidence=evidence,
+            text=text,
+        )
+
+
+def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: float) -> tuple[dict[str, Any], str]:
+    """Evidence and one sentence of a note."""
+    match code:
+        case NoteCode.ALIGNED:
+            how = "standing still" if a else "moving"
+            return {"still": bool(a), "force_m_s2": b}, f"attitude found from gravity while {how}; tilt known to {math.degrees(size):.1f} deg"
+        case NoteCode.YAW_ALIGNED:
+            return (
+                {"declination_deg": math.degrees(a), "field_tesla": b},
+                f"heading found from the magnetometer, with a declination of {math.degrees(a):.1f} deg",
+            )
+        case NoteCode.POSITION_FOUND:
+            return {"fixes": int(a), "fix_type": int(b)}, f"position found: {int(a)} fixes in a row agree; known to {size:.1f} m"
+        case NoteCode.POSITION_RESET:
+            return (
+                {"refused_fixes": int(a), "down_m": b},
+                f"position reset by {size:.1f} m: {int(a)} fixes that agree with each other had been refused for {end - start:.0f} s",
+            )
+        case NoteCode.GNSS_OUTAGE:
+            return {"after_s": size}, f"no position fused for {size:.1f} s: dead reckoning"
+        case NoteCode.GNSS_BACK:
+            return {}, f"position fused again after {size:.1f} s"
+        case NoteCode.POSITION_GIVEN_UP:
+            return {"sigma_m": size}, f"position given up {end - start:.0f} s after the last fix: it was known to {size:.0f} m only"
+        case NoteCode.IMU_GAP:
+            return {}, f"no IMU sample for {size:.2f} s"
+        case NoteCode.MODEL_CHANGED:
+            return {"strapdown": bool(a)}, "strapdown navigation begins" if a else "strapdown navigation ends: constant velocity"
+        case NoteCode.ARMED:
+            return {}, "the vehicle was armed"
+        case NoteCode.DISARMED:
+            return {}, "the vehicle was disarmed"

@@ -1,0 +1,205 @@
+"""One vehicle from decoded rows to records: clock, sessions, estimator, status. Live and `replay --as-live` run exactly this.
+
+What comes out depends on the rows and their order alone, not on how they are cut into calls: rows are taken up to each full second of
+the boot clock, where a status is due.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.config import Config
+from mavkf.estimate import Event, Pose, Record, Status
+from mavkf.link.clocks import VehicleClock
+from mavkf.navigation import layout as L
+from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts
+from mavkf.navigation.pose import pose_row
+from mavkf.navigation.records import MODES, SENSOR_NAMES, RecordWriter, flag_names, model_name, validity
+from mavkf.samples import KIND, SESSION, TIME, UNIX_US, Kind, Source
+from mavkf.service.utc import UtcClock
+
+Array = NDArray[np.float64]
+KINDS = {Kind.IMU: "imu", Kind.GNSS: "gnss", Kind.MAGNETOMETER: "magnetometer", Kind.BAROMETER: "barometer"}
+
+
+class Step(msgspec.Struct):
+    """What came of some rows: arrays of the fold, then a status and a reboot event where they were due."""
+
+    session: int
+    output: Output
+    status: Status | None = None
+    event: Event | None = None
+
+
+class VehicleStream:
+    """The estimate of one vehicle from its rows in the order of arrival."""
+
+    def __init__(
+        self,
+        vehicle: str,
+        config: Config,
+        rate_hz: float = 50.0,
+        imu: Source | None = None,
+        model: str | None = None,
+        span: tuple[float, float] = (-math.inf, math.inf),
+    ) -> None:
+        """vehicle: its name in keys; rate_hz, imu, model: as of `SessionEstimator`; span: boot times (s) to use, all others are left out."""
+        self.span = span
+        self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
+        self.clock = VehicleClock(config.timeline.window_s)
+        self.writer = RecordWriter(vehicle)
+        self.session = -1
+        self.estimator: SessionEstimator | None = None
+        self._newest = -math.inf
+        self._begin(-1)
+
+    def _begin(self, session: int) -> None:
+        self.session = session
+        self.utc = UtcClock()
+        self.writer.utc = self.utc
+        self.counts: Counter[str] = Counter()
+        self._last: dict[int, float] = {}
+        self._status_time = math.nan
+        self._status_counts: Counter[str] = Counter()
+        if session >= 0:
+            self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model)
+
+    @property
+    def is_vehicle(self) -> bool:
+        """Whether this component has sent an IMU or GNSS sample in this session; before, nothing comes out."""
+        return self.estimator is not None and self.estimator.has_sensor
+
+    def push(self, rows: Array) -> Iterator[Step]:
+        """Take decoded rows (n, ROW_WIDTH) of this vehicle in the order of arrival."""
+        yield from self._timed(within(self.clock.push(rows), self.span))
+
+    def finish(self) -> Iterator[Step]:
+        """Take it that nothing more will come."""
+        yield from self._timed(within(self.clock.flush(), self.span))
+        if self.estimator is not None:
+            for output in self.estimator.finish():
+                yield self._step(output)
+
+    def _timed(self, rows: Array) -> Iterator[Step]:
+        i = 0
+        while i < rows.shape[0]:
+            session = int(rows[i, SESSION])
+            if session != self.session:
+                yield from self._change_session(session, float(rows[i, TIME]))
+            # up to the end of the session, or to the row with which the newest time enters another second
+            newest = np.maximum.accumulate(np.maximum(rows[i:, TIME], self._newest))
+            begun = math.floor(self._newest) if math.isfinite(self._newest) else math.floor(newest[0])
+            ends = (rows[i:, SESSION] != session) | (np.floor(newest) > begun)
+            stop = int(np.argmax(ends)) if ends.any() else rows.shape[0] - i
+            due = stop < rows.shape[0] - i and rows[i + stop, SESSION] == session
+            stop += due
+            part = rows[i : i + stop]
+            self._newest = float(newest[stop - 1]) if stop else self._newest
+            i += stop
+            yield from self._run(part)
+            if due and self.is_vehicle:
+                yield Step(session, _nothing(), status=self._status())
+
+    def _change_session(self, session: int, t: float) -> Iterator[Step]:
+        before, estimator = self._newest, self.estimator
+        if estimator is not None:
+            for output in estimator.finish():
+                yield self._step(output)
+        self._begin(session)
+        self._newest = -math.inf
+        if estimator is not None:
+            event = Event(
+                **self.writer.head("event", session, t),
+                kind="reboot",
+                t_start_s=t,
+                t_end_s=t,
+                size=before - t,
+                evidence={"clock_before_s": before, "clock_after_s": t},
+                text=f"the vehicle rebooted: its clock fell from {before:.1f} s to {t:.1f} s",
+            )
+            yield Step(session, _nothing(), event=event)
+
+    def _run(self, rows: Array) -> Iterator[Step]:
+        assert self.estimator is not None
+        for kind, name in KINDS.items():
+            times = rows[rows[:, KIND] == kind, TIME]
+            if times.size:
+                self.counts[name] += times.size
+                self._last[kind] = max(self._last.get(kind, -math.inf), float(times.max()))
+        for row in rows[rows[:, KIND] == Kind.SYSTEM_TIME]:
+            self.utc.update(float(row[TIME]), float(row[UNIX_US]))
+        for output in self.estimator.push(rows):
+            yield self._step(output)
+
+    def _step(self, output: Output) -> Step:
+        self.counts["poses"] += output.poses.shape[0]
+        for sensor, name in enumerate(SENSOR_NAMES):
+            mine = output.innovations[output.innovations[:, L.I_SENSOR] == sensor]
+            if mine.shape[0]:
+                fused = int(np.sum(mine[:, L.I_FUSED]))
+                self.counts[name + "_fused"] += fused
+                self.counts[name + "_refused"] += mine.shape[0] - fused
+        return Step(self.session, output)
+
+    def _status(self) -> Status:
+        assert self.estimator is not None
+        row = np.zeros(L.POSE_WIDTH)
+        if self.estimator.setup is not None:
+            pose_row(self.estimator.state, self.estimator.parameters, row)
+        else:
+            row[L.R_LATITUDE] = math.nan
+        elapsed = self._newest - self._status_time
+        rates = {
+            name: (self.counts[name] - self._status_counts[name]) / elapsed if elapsed > 0.0 else None
+            for name in [*KINDS.values(), "poses"]
+        }
+        self._status_time, self._status_counts = self._newest, self.counts.copy()
+        return Status(
+            **self.writer.head("status", self.session, self._newest),
+            mode=MODES[int(row[L.R_MODE])],
+            flags=flag_names(row[L.R_FLAGS]),
+            valid=validity(row[L.R_VALID]),
+            model=model_name(row),
+            rates_hz=rates,
+            counts=dict(self.counts) | state_counts(self.estimator),
+            age_s={name: self._newest - self._last[kind] if kind in self._last else None for kind, name in KINDS.items()},
+        )
+
+    def records(self, step: Step) -> Iterator[Record]:
+        """The records of a step, in the order in which they are published."""
+        for row in step.output.innovations:
+            yield self.writer.innovation(row, step.session)
+        for row in step.output.notes:
+            yield self.writer.event(row, step.session)
+        yield from self.poses(step)
+        if step.status is not None:
+            yield step.status
+        if step.event is not None:
+            yield step.event
+
+    def poses(self, step: Step) -> Iterator[Pose]:
+        """The pose records of a step."""
+        for row in step.output.poses:
+            yield self.writer.pose(row, step.session)
+
+
+def state_counts(estimator: SessionEstimator) -> dict[str, int]:
+    """What the fold has counted: samples too late, repeated values, fixes without a position, gaps of the IMU."""
+    if estimator.setup is None:
+        return {}
+    return {"late": estimator.late} | fold_counts(estimator.state)
+
+
+def within(rows: Array, span: tuple[float, float]) -> Array:
+    """The rows whose TIME lies in a span (s), ends included."""
+    if span == (-math.inf, math.inf):
+        return rows
+    return rows[(rows[:, TIME] >= span[0]) & (rows[:, TIME] <= span[1])]
+
+
+def _nothing() -> Output:
+    return Output(np.empty((0, L.POSE_WIDTH)), np.empty((0, L.INNOVATION_WIDTH)), np.empty((0, L.NOTE_WIDTH)))
