@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.errors import LogError
-from mavkf.link.conversions import DecodeCounts
-from mavkf.link.decode import Address, decode, gather
+from mavkf.link.decode import Address, DecodeCounts, decode
 from mavkf.link.framing import FrameCounts, scan_records
+from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids, message_names
 from mavkf.link.stamps import repair_stamps
 from mavkf.samples import KIND, VEHICLE_TYPE, Kind

@@ -1,56 +1,107 @@
-"""From frames to sample rows, per sending component; and to the fields of any other message.
+"""From frames to sample rows, per sending component.
 
 Stateless: the rows of a frame depend on that frame only, so a log read at once and a stream read piece by piece give
 the same rows.
 """
 
-from functools import cache
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf import samples as s
 from mavkf.compiled import compiled
-from mavkf.link.conversions import CONVERTERS, DecodeCounts
+from mavkf.link import conversions as c
 from mavkf.link.framing import readonly
-from mavkf.link.layouts import HIGHEST_ID, message_dtype, message_ids
-from mavkf.samples import ARRIVAL, ROW_WIDTH, SEQUENCE, SOURCE, Source
+from mavkf.link.rules import FIRST_UNIX_US, GNSS, NOT_FINITE, OTHER_INSTANCES, message_rows
+from mavkf.samples import ROW_WIDTH, Clock
 
 Address = tuple[int, int]
 """The (system, component) ids of a sender."""
 
-ROWS_PER_FRAME = 4
+MAX_PAYLOAD = 256
+
+NO_CLOCK, BOOT_US, BOOT_MS, UNIX = int(Clock.NONE), int(Clock.BOOT_US), int(Clock.BOOT_MS), int(Clock.UNIX_US)
+
+
+@dataclass
+class DecodeCounts:
+    """What messages did not give.
+
+    not_finite:       rows whose sensor value is NaN or infinite.
+    other_instances:  messages of another IMU or receiver of the same component (`id` above 0).
+    """
+
+    not_finite: int = 0
+    other_instances: int = 0
 
 
 @compiled
-def copy_payloads(data: Any, offsets: Any, lengths: Any, out: Any) -> None:
-    """Copy payloads into the rows of `out` (n, size; uint8), zero-extended or cut to its width."""
-    for i in range(out.shape[0]):
-        offset = offsets[i]
-        count = min(int(lengths[i]), out.shape[1])
-        for j in range(count):
-            out[i, j] = data[offset + j]
-        for j in range(count, out.shape[1]):
-            out[i, j] = 0
+def read_values(payload: Any, floats: Any, readings: Any, first: int, last: int, values: Any) -> None:  # noqa: PLR0917
+    """Fill values with the fields of a zero-extended payload (uint8; floats: the same memory as float32)."""
+    for k in range(first, last):
+        offset, kind = int(readings[k, c.OFFSET]), int(readings[k, c.TYPE])
+        if kind == 0:
+            raw = float(floats[offset >> 2])
+        else:
+            size = abs(kind)
+            bits = 0
+            for i in range(size):
+                bits |= int(payload[offset + i]) << 8 * i
+            if kind < 0 and size < 8 and bits >> (8 * size - 1):
+                bits -= 1 << 8 * size
+            raw = float(bits)
+            if kind == 8 and bits < 0:
+                raw += 2.0**64
+        unknown = raw == readings[k, c.UNKNOWN] or not isfinite(raw)
+        values[int(readings[k, c.SLOT])] = nan if unknown else raw * readings[k, c.SCALE]
 
 
-def gather(data: NDArray[np.uint8], frames: NDArray[np.void], name: str) -> NDArray[np.void]:
-    """Copy the payloads of `frames`, all of message `name`, into a structured array (see `message_dtype`)."""
-    dtype = message_dtype(name)
-    payloads = np.empty((len(frames), dtype.itemsize), np.uint8)
-    copy_payloads(
-        readonly(data), np.ascontiguousarray(frames["offset"]), np.ascontiguousarray(frames["length"]), payloads
-    )
-    return payloads.view(dtype).reshape(len(frames))
+@compiled
+def stamp(values: Any) -> tuple[float, int]:
+    """STAMP and CLOCK of a message; a time of 0 is one that was not filled in."""
+    if values[c.TIME_BOOT_MS] > 0:
+        return values[c.TIME_BOOT_MS] * 1e3, BOOT_MS
+    if values[c.TIME_USEC] > 0:
+        return values[c.TIME_USEC], UNIX if values[c.TIME_USEC] >= FIRST_UNIX_US else BOOT_US
+    return nan, NO_CLOCK
 
 
-@cache
-def _sources() -> NDArray[np.int8]:
-    """`Source` of each message id, -1 for messages that give no rows."""
-    sources = np.full(HIGHEST_ID + 1, -1, np.int8)
-    for name in CONVERTERS:
-        sources[message_ids()[name]] = Source[name]
-    return sources
+@compiled
+def frame_rows(  # noqa: PLR0917
+    data: Any, frames: Any, chosen: Any, sources: Any, families: Any, first: Any, readings: Any, counts: Any, out: Any
+) -> int:
+    """Write the rows of the chosen frames (indices) to `out`; return how many."""
+    n = 0
+    payload = np.zeros(MAX_PAYLOAD, np.uint8)
+    floats = payload.view(np.float32)
+    values = np.empty(c.VALUES)
+    for i in chosen:
+        frame = frames[i]
+        source = int(sources[frame.message])
+        length = int(frame.length)
+        for j in range(length):
+            payload[j] = data[frame.offset + j]
+        for j in range(length, MAX_PAYLOAD):
+            payload[j] = 0
+        values[:] = nan
+        read_values(payload, floats, readings, first[source], first[source + 1], values)
+        time, clock = stamp(values)
+        begin = n
+        n = message_rows(values, families[source], counts, out, n)
+        for k in range(begin, n):
+            row = out[k]
+            # A receiver without a fix has no time of measurement: ArduPilot repeats that of the last fix.
+            timeless = row[s.KIND] == GNSS and row[s.FIX] < 2
+            row[s.STAMP] = nan if timeless else time
+            row[s.CLOCK] = NO_CLOCK if timeless else clock
+            row[s.ARRIVAL] = frame.stamp
+            row[s.SOURCE] = source
+            row[s.SEQUENCE] = frame.sequence
+    return n
 
 
 def decode(
@@ -58,32 +109,25 @@ def decode(
 ) -> dict[Address, NDArray[np.float64]]:
     """Sample rows (m, ROW_WIDTH) of each sender, in the order of its frames; TIME and SESSION are not filled.
 
-    One frame gives at most three rows: MAGNETOMETER, BAROMETER, IMU, in this order. Messages of non-finite values are
-    dropped and added to `counts`.
+    data: the bytes that the frames' offsets refer to. One frame gives at most three rows: MAGNETOMETER, BAROMETER, IMU,
+    in this order. What gives no row is added to `counts`.
     """
-    counts = DecodeCounts() if counts is None else counts
-    sources = _sources()[frames["message"]]
-    ranks, blocks = [], []
-    for source in np.unique(sources):
-        if source < 0:
-            continue
-        where = np.flatnonzero(sources == source)
-        chosen = frames[where]
-        name = Source(source).name
-        for place, (indices, rows) in enumerate(CONVERTERS[name](gather(data, chosen, name), counts)):
-            rows[:, SOURCE] = source
-            rows[:, ARRIVAL] = chosen["stamp"][indices]
-            rows[:, SEQUENCE] = chosen["sequence"][indices]
-            ranks.append(where[indices] * ROWS_PER_FRAME + place)
-            blocks.append(rows)
-    if not blocks:
-        return {}
-    rank = np.concatenate(ranks)
-    order = np.argsort(rank, kind="stable")
-    senders = frames["system"].astype(np.int32) << 8 | frames["component"]
-    senders = senders[rank[order] // ROWS_PER_FRAME]
-    rows = np.concatenate(blocks)
-    return {
-        (int(sender) >> 8, int(sender) & 0xFF): rows[order[senders == sender]].reshape(-1, ROW_WIDTH)
-        for sender in np.unique(senders)
-    }
+    tables = c.tables()
+    sources = tables.sources[frames["message"]]
+    chosen = np.flatnonzero(sources >= 0)
+    senders = frames["system"][chosen].astype(np.uint16) << 8 | frames["component"][chosen]
+    order = np.argsort(senders, kind="stable")
+    senders, chosen = senders[order], chosen[order]
+    refused = np.zeros(2, np.int64)
+    result: dict[Address, NDArray[np.float64]] = {}
+    bounds = [*np.flatnonzero(np.diff(senders, prepend=-1)).tolist(), len(chosen)]
+    for start, stop in pairwise(bounds):
+        mine = chosen[start:stop]
+        out = np.empty((int(c.ROWS_OF_FAMILY[tables.families[sources[mine]]].sum()), ROW_WIDTH))
+        n = frame_rows(readonly(data), frames, mine, *tables, refused, out)
+        if n:
+            result[int(senders[start]) >> 8, int(senders[start]) & 0xFF] = out[:n]
+    if counts is not None:
+        counts.not_finite += int(refused[NOT_FINITE])
+        counts.other_instances += int(refused[OTHER_INSTANCES])
+    return result

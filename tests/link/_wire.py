@@ -21,7 +21,14 @@ def message(name: str, **fields: Any) -> Any:
 
 
 def frame(
-    name: str, *, version: int = 2, system: int = 1, component: int = 1, sequence: int = 0, signed: bool = False, **f: Any
+    name: str,
+    *,
+    version: int = 2,
+    system: int = 1,
+    component: int = 1,
+    sequence: int = 0,
+    signed: bool = False,
+    **f: Any,
 ) -> bytes:
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
     mav.seq = sequence

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mavkf.link.conversions import DecodeCounts
-from mavkf.link.decode import decode, gather
+from mavkf.link.decode import DecodeCounts, decode
 from mavkf.link.framing import scan_records
+from mavkf.link.gather import gather
 from mavkf.link.layouts import message_dtype, message_ids
 from mavkf.samples import ROW_WIDTH, Clock, Kind, Source
 
@@ -55,7 +55,9 @@ def test_integer_imu_without_magnetometer_or_temperature() -> None:
 
 
 FLOAT = dict(xacc=0.5, yacc=-1.5, zacc=-9.8, xgyro=0.01, ygyro=-0.02, zgyro=0.03)
-FLOAT |= dict(xmag=0.2, ymag=-0.1, zmag=0.4, abs_pressure=955.5, diff_pressure=1.5, pressure_alt=490.0, temperature=31.5)
+FLOAT |= dict(
+    xmag=0.2, ymag=-0.1, zmag=0.4, abs_pressure=955.5, diff_pressure=1.5, pressure_alt=490.0, temperature=31.5
+)
 FLOAT_IMU = [0.01, -0.02, 0.03, 0.5, -1.5, -9.8, 31.5, 0, 0]
 ALL = (Kind.MAGNETOMETER, Kind.BAROMETER, Kind.IMU)
 
@@ -177,7 +179,9 @@ def test_gps_raw_of_mavlink_1_has_no_extensions() -> None:
     expect(row, [*PLACE, nan, *velocity, nan, nan, nan, nan, 10, 1.21, 2.0])
 
 
-@pytest.mark.parametrize(("vel", "cog", "velocity"), [(0, 65535, [0.0, 0.0]), (500, 65535, [nan, nan]), (65535, 0, [nan, nan])])
+@pytest.mark.parametrize(
+    ("vel", "cog", "velocity"), [(0, 65535, [0.0, 0.0]), (500, 65535, [nan, nan]), (65535, 0, [nan, nan])]
+)
 def test_velocity_with_unknown_course_or_speed(vel: int, cog: int, velocity: list[float]) -> None:
     (row,) = rows_of(frame("GPS_RAW_INT", **(GPS | dict(vel=vel, cog=cog))))
     np.testing.assert_array_equal(row[13:15], velocity)
@@ -221,7 +225,9 @@ def test_hil_gps_of_unknown_velocity() -> None:
     expect(row, [4, *PLACE[1:]])
 
 
-INPUT: dict[str, Any] = dict(time_usec=UNIX, fix_type=3, lat=-353_632_620, lon=1_491_652_370, alt=584.5, hdop=1.5, vdop=2.5)
+INPUT: dict[str, Any] = dict(
+    time_usec=UNIX, fix_type=3, lat=-353_632_620, lon=1_491_652_370, alt=584.5, hdop=1.5, vdop=2.5
+)
 INPUT |= dict(vn=1.0, ve=-2.0, vd=0.25, speed_accuracy=0.125, horiz_accuracy=0.5, vert_accuracy=0.75)
 INPUT |= dict(satellites_visible=12, yaw=27000)
 INPUT_ROW = [*PLACE[:3], 584.5, nan, 1.0, -2.0, 0.25, 0.5, 0.75, 0.125, 12, 1.5, 2.5, 1.5 * pi]

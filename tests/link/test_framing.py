@@ -31,7 +31,15 @@ def test_crc_is_pymavlinks(data: bytes, extra: int) -> None:
 )
 def test_both_versions_and_signatures(version: int, signed: bool, header: int, size: int) -> None:
     raw = frame(
-        "ATTITUDE", version=version, signed=signed, system=7, component=9, sequence=200, time_boot_ms=5, pitch=1.5, yaw=2.0
+        "ATTITUDE",
+        version=version,
+        signed=signed,
+        system=7,
+        component=9,
+        sequence=200,
+        time_boot_ms=5,
+        pitch=1.5,
+        yaw=2.0,
     )
     frames, counts = scan_records(array(record(T0, raw)))
     # MAVLink 2 cuts the three rates of zero, four bytes each, from the end of the payload of 28.
@@ -118,7 +126,12 @@ def test_unknown_messages_are_frames_when_another_follows() -> None:
     raw = record(T0, ATTITUDES[0]) + record(T0, bytes(unknown)) * 2 + record(T0, ATTITUDES[1])
     frames, counts = scan_records(array(raw))
     assert [int(s) for s in frames["sequence"]] == [0, 1]
-    assert (counts.unknown, counts.unknown_bytes, counts.bad_crc, counts.stray_bytes) == (2, 2 * (len(unknown) + 8), 0, 0)
+    assert (counts.unknown, counts.unknown_bytes, counts.bad_crc, counts.stray_bytes) == (
+        2,
+        2 * (len(unknown) + 8),
+        0,
+        0,
+    )
 
 
 def test_text_holds_no_frame() -> None:
