@@ -22,7 +22,7 @@ GYRO_BIAS_LARGEST = 0.2  # rad/s: more is a rotation, not a bias
 
 
 @compiled
-def collect(s, e_imu, t, c, out, tell):
+def collect(s, e_imu, t, c, out):
     """Take one sample (6,) into the sums; when they are complete, set the attitude and its covariance. Returns whether it did."""
     k = L.ALIGN_SUM
     if s[L.ALIGN_COUNT] == 0.0 or t - s[L.T_IMU] > 1.0 + c[Parameter.GAP]:
@@ -64,7 +64,7 @@ def collect(s, e_imu, t, c, out, tell):
     s[L.YAW_KNOWN] = 0.0
     s[L.T] = t
     P = s[L.P : L.P + N * N].reshape((N, N))
-    note(out, tell, NoteCode.ALIGNED, s[L.ALIGN_START], t, math.sqrt(P[THETA, THETA]), 1.0 if still else 0.0, force)
+    note(out, NoteCode.ALIGNED, s[L.ALIGN_START], t, math.sqrt(P[THETA, THETA]), 1.0 if still else 0.0, force)
     return True
 
 

@@ -143,11 +143,12 @@ class SessionEstimator:
     def _allocate(self) -> None:
         self._events = np.empty((HISTORY, L.EVENT_WIDTH))
         self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
-        self._reported = np.full(4 * HISTORY, -1.0)
         self._out = (
             np.empty((BUFFER, L.INNOVATION_WIDTH)),
             np.empty((BUFFER, L.NOTE_WIDTH)),
             np.zeros(2, dtype=np.int64),
+            np.full(L.NOTE_CODES, -np.inf),
+            np.full(4 * HISTORY, -1.0),
         )
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
@@ -174,7 +175,6 @@ class SessionEstimator:
                 self._marks,
                 self._poses,
                 self._out,
-                self._reported,
             )
             yield Output(
                 self._poses[:n].copy(),
@@ -222,14 +222,19 @@ def run_offline(
     c = decider.parameters
     events = timeline.in_order(to_events(rows[select(rows, setup)], setup, 0))
     state = decider.state
-    out = (np.empty((16 * BUFFER, L.INNOVATION_WIDTH)), np.empty((BUFFER, L.NOTE_WIDTH)), np.zeros(2, dtype=np.int64))
+    out = (
+        np.empty((16 * BUFFER, L.INNOVATION_WIDTH)),
+        np.empty((BUFFER, L.NOTE_WIDTH)),
+        np.zeros(2, dtype=np.int64),
+        np.full(L.NOTE_CODES, -np.inf),
+        np.full(2 * events.shape[0] + 2, -1.0),
+    )
     poses = np.empty((16 * BUFFER, L.POSE_WIDTH))
-    reported = np.full(max(1, events.shape[0]), -1.0)
     parts: list[Output] = []
     i = 0
     while i < events.shape[0]:
         out[2][:] = 0
-        i, n = timeline.run_batch(state, events, i, c, rate_hz, poses, out, reported)
+        i, n = timeline.run_batch(state, events, i, c, rate_hz, poses, out)
         if progress is not None:
             progress(i / events.shape[0])
         parts.append(Output(poses[:n].copy(), out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))

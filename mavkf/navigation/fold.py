@@ -18,7 +18,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.layout import NoteCode, Parameter
 from mavkf.navigation.updates import level, note, use_barometer, use_gnss, use_magnetometer
-from mavkf.samples import ACCEL_RESOLUTION, BASE_MODE, GYRO, GYRO_RESOLUTION, KIND, SOURCE, TIME, Kind
+from mavkf.samples import ACCEL_RESOLUTION, BASE_MODE, GYRO, GYRO_RESOLUTION, KIND, TIME, Kind
 
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 OUTAGE_AFTER = 2.0  # s without a fused position
@@ -56,6 +56,7 @@ def begin(s, c):
         L.UNDULATION,
         L.DECLINATION,
         L.STRENGTH,
+        L.T_FIELD,
     ):
         s[i] = np.nan
     s[L.T_MAGNETOMETER] = -1.0
@@ -165,21 +166,21 @@ def watch_samples(s, e, c, imu, dt):
 
 
 @compiled
-def choose_model(s, c, out, tell):
+def choose_model(s, c, out):
     """Strapdown where it is wanted and can be: attitude and yaw known, position known, samples without a gap."""
     wanted = (
         c[Parameter.WANT_STRAPDOWN] != 0.0 and s[L.ALIGNED] != 0.0 and s[L.YAW_KNOWN] != 0.0 and s[L.POSITION_KNOWN] != 0.0
     )
     if wanted and s[L.STRAPDOWN] == 0.0:
         s[L.STRAPDOWN] = 1.0
-        note(out, tell, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 1.0, 0.0)
+        note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 1.0, 0.0)
     elif not wanted and s[L.STRAPDOWN] != 0.0:
         s[L.STRAPDOWN] = 0.0
-        note(out, tell, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 0.0, 0.0)
+        note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 0.0, 0.0)
 
 
 @compiled
-def watch_position(s, out, tell):
+def watch_position(s, out):
     """Tell of an outage; give the position up when nobody could use it; refuse the neighbourhood of the poles."""
     if s[L.POSITION_KNOWN] == 0.0:
         return
@@ -187,11 +188,11 @@ def watch_position(s, out, tell):
     since = s[L.T] - s[L.T_POSITION]
     if since > OUTAGE_AFTER and s[L.OUTAGE] == 0.0:
         s[L.OUTAGE] = 1.0
-        note(out, tell, NoteCode.GNSS_OUTAGE, s[L.T_POSITION], s[L.T], since, 0.0, 0.0)
+        note(out, NoteCode.GNSS_OUTAGE, s[L.T_POSITION], s[L.T], since, 0.0, 0.0)
     lost = P[POS, POS] + P[POS + 1, POS + 1] > 2.0 * GIVE_UP_POSITION**2
     lost = lost or P[VEL, VEL] + P[VEL + 1, VEL + 1] > 2.0 * GIVE_UP_VELOCITY**2
     if lost or abs(s[LATITUDE]) > POLE or not math.isfinite(P[POS, POS] + s[LATITUDE]):
-        note(out, tell, NoteCode.POSITION_GIVEN_UP, s[L.T_POSITION], s[L.T], math.sqrt(P[POS, POS] + P[POS + 1, POS + 1]), 0.0, 0.0)
+        note(out, NoteCode.POSITION_GIVEN_UP, s[L.T_POSITION], s[L.T], math.sqrt(P[POS, POS] + P[POS + 1, POS + 1]), 0.0, 0.0)
         s[L.POSITION_KNOWN] = 0.0
         s[L.FIX_COUNT] = 0.0
         s[L.OUTAGE] = 0.0
@@ -206,33 +207,22 @@ def watch_position(s, out, tell):
 
 
 @compiled
-def measure(s, e, c, out, tell):
+def measure(s, e, c, out):
     """Fuse one measurement at the state's time."""
     kind = int(e[KIND])
     if kind == GNSS_KIND:
-        use_gnss(s, e, c, out, tell)
+        use_gnss(s, e, c, out)
     elif kind == MAGNETOMETER_KIND:
-        use_magnetometer(s, e, c, out, tell)
+        use_magnetometer(s, e, c, out)
     elif kind == BAROMETER_KIND:
-        use_barometer(s, e, c, out, tell)
+        use_barometer(s, e, c, out)
 
 
 @compiled
-def told(e, reported):
-    """Whether the event had its say already (it is folded again); marks it. `reported`: (capacity,), ids by their remainder."""
-    slot = int(e[L.EVENT_ID]) % reported.shape[0]
-    if reported[slot] == e[L.EVENT_ID]:
-        return True
-    reported[slot] = e[L.EVENT_ID]
-    return False
-
-
-@compiled
-def use_imu(s, e, c, out, reported):
+def use_imu(s, e, c, out):
     """An IMU sample: go through the measurements that wait, each at its own time between the samples, then to the sample's time."""
     t = e[TIME]
     imu = e[GYRO : GYRO + 6]
-    tell = not told(e, reported)
     first = not math.isfinite(s[L.T_IMU])
     dt = t - s[L.T_IMU]
     if not first and not dt > 1e-6:
@@ -242,32 +232,32 @@ def use_imu(s, e, c, out, reported):
     if gap:
         s[L.GAP_COUNT] += 1.0
         s[L.GAP_LONGEST] = max(s[L.GAP_LONGEST], dt)
-        note(out, tell, NoteCode.IMU_GAP, s[L.T_IMU], t, dt, 0.0, 0.0)
+        note(out, NoteCode.IMU_GAP, s[L.T_IMU], t, dt, 0.0, 0.0)
     if not first and not gap:
         s[L.PERIOD] = dt if s[L.PERIOD] == 0.0 else s[L.PERIOD] + (dt - s[L.PERIOD]) * min(1.0, dt / 2.0 + 0.02)
         watch_samples(s, e, c, imu, dt)
     if s[L.ALIGNED] == 0.0:
-        flush(s, c, out, reported)
+        flush(s, c, out)
         coast_or_start(s, c, t)
-        collect(s, imu, t, c, out, tell)
+        collect(s, imu, t, c, out)
     elif gap or first:
-        flush(s, c, out, reported)
+        flush(s, c, out)
         coast_or_start(s, c, t)
     else:
-        interpolate(s, imu, t, c, out, reported)
+        interpolate(s, imu, t, c, out)
     s[L.T_IMU] = t
     for i in range(6):
         s[L.IMU + i] = imu[i]
     for i in range(3):
         s[L.RATE + i] = imu[i] - s[BG + i]
     if s[L.ALIGNED] != 0.0 and s[L.STRAPDOWN] == 0.0:
-        level(s, c, out, tell, e[SOURCE])
-    watch_position(s, out, tell)
-    choose_model(s, c, out, tell)
+        level(s, e, c, out)
+    watch_position(s, out)
+    choose_model(s, c, out)
 
 
 @compiled
-def interpolate(s, imu, t, c, out, reported):
+def interpolate(s, imu, t, c, out):
     """From the last sample to this one (6,) at time t, stopping at each measurement that waits."""
     t0 = s[L.T_IMU]
     previous = s[L.IMU : L.IMU + 6].copy()
@@ -284,7 +274,7 @@ def interpolate(s, imu, t, c, out, reported):
             step(s, c, start, end, dt, s[L.NOISE_GYRO], s[L.NOISE_ACCEL])
             s[L.T] = e[TIME]
             start[:] = end
-        measure(s, e, c, out, not told(e, reported))
+        measure(s, e, c, out)
     s[L.PENDING_COUNT] = 0.0
     step(s, c, start, imu, t - s[L.T], s[L.NOISE_GYRO], s[L.NOISE_ACCEL])
     s[L.T] = t
@@ -300,32 +290,32 @@ def coast_or_start(s, c, t):
 
 
 @compiled
-def flush(s, c, out, reported):
+def flush(s, c, out):
     """Fuse the measurements that wait without the IMU's help."""
     n = int(s[L.PENDING_COUNT])
     for k in range(n):
         e = s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH].copy()
         coast_or_start(s, c, e[TIME])
-        measure(s, e, c, out, not told(e, reported))
+        measure(s, e, c, out)
     s[L.PENDING_COUNT] = 0.0
 
 
 @compiled
-def fold(s, e, c, out, reported):
+def fold(s, e, c, out):
     """Take one event (EVENT_WIDTH,) into the state (STATE_SIZE,), in place.
 
-    c: parameters; out: innovation rows, note rows and their two counts (int64); reported: which events have written already.
+    c: parameters; out: innovation rows, note rows, their two counts (int64), the times of the last notes, the events on record.
     Events must come in the order of `timeline.precedes`. Nothing is raised: what cannot be used is refused and recorded.
     """
     kind = int(e[KIND])
     if kind == IMU_KIND:
-        use_imu(s, e, c, out, reported)
+        use_imu(s, e, c, out)
     elif kind == HEARTBEAT_KIND:
         armed = 1.0 if int(e[BASE_MODE]) & ARMED_BIT else 0.0
         if armed != s[L.ARMED]:
             s[L.ARMED] = armed
             code = NoteCode.ARMED if armed != 0.0 else NoteCode.DISARMED
-            note(out, not told(e, reported), code, e[TIME], e[TIME], 0.0, 0.0, 0.0)
+            note(out, code, e[TIME], e[TIME], 0.0, 0.0, 0.0)
     else:
         flowing = math.isfinite(s[L.T_IMU]) and e[TIME] - s[L.T_IMU] <= max(c[Parameter.GAP], 3.0 * s[L.PERIOD])
         if flowing and int(s[L.PENDING_COUNT]) < L.PENDING_CAPACITY:
@@ -334,8 +324,7 @@ def fold(s, e, c, out, reported):
                 s[k + i] = e[i]
             s[L.PENDING_COUNT] += 1.0
             return
-        tell = not told(e, reported)
-        flush(s, c, out, reported)
+        flush(s, c, out)
         coast_or_start(s, c, e[TIME])
-        measure(s, e, c, out, tell)
-        watch_position(s, out, tell)
+        measure(s, e, c, out)
+        watch_position(s, out)

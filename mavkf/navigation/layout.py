@@ -38,6 +38,7 @@ _book = P + N * N
     T_VELOCITY,
     T_BAROMETER,
     T_MAGNETOMETER,
+    T_FIELD,  # last heard, fused or not
     T_GRAVITY,
     T_PREVIOUS_FIX,
     REFUSED_SINCE,  # start of an unbroken run of refused positions, NaN: none
@@ -55,8 +56,8 @@ _book = P + N * N
     DUPLICATES,  # repeated values and stamps that were passed over
     NO_FIX,  # fixes without a position in them
     PENDING_COUNT,
-) = range(_book, _book + 37)
-IMU = _book + 37  # last sample: omega_b, f_b
+) = range(_book, _book + 38)
+IMU = _book + 38  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
@@ -189,3 +190,6 @@ class NoteCode(IntEnum):
     MODEL_CHANGED = 8
     ARMED = 9
     DISARMED = 10
+
+
+NOTE_CODES = len(NoteCode)

@@ -35,7 +35,7 @@ def flags_of(s, c):
         flags |= 1 << Flag.NO_GNSS.value
     elif s[L.REFUSED_COUNT] > 0.0:
         flags |= 1 << Flag.GNSS_REFUSED.value
-    if not (s[L.T_MAGNETOMETER] >= 0.0 and s[L.T] - s[L.T_MAGNETOMETER] < RECENT):
+    if not s[L.T] - s[L.T_FIELD] < RECENT:
         flags |= 1 << Flag.NO_MAGNETOMETER.value
     if s[L.YAW_KNOWN] == 0.0:
         flags |= 1 << Flag.YAW_UNKNOWN.value

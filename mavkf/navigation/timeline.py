@@ -51,7 +51,7 @@ def slot_of(t, rate):
 
 
 @compiled
-def run_batch(s, events, first, c, rate, poses, out, reported):
+def run_batch(s, events, first, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.
 
     Stops where an output buffer might overflow. Returns the index to go on from and the number of pose rows written.
@@ -65,7 +65,7 @@ def run_batch(s, events, first, c, rate, poses, out, reported):
             break
         e = events[i]
         makes_pose = publishes(e, s[L.T_IMU], c)
-        fold(s, e, c, out, reported)
+        fold(s, e, c, out)
         i += 1
         if makes_pose and math.isfinite(s[L.T]):
             now = slot_of(s[L.T], rate)
@@ -102,17 +102,17 @@ def forget_old(events, snapshots, cursor):
 
 
 @compiled
-def fold_to_end(s, events, snapshots, cursor, c, out, reported):
+def fold_to_end(s, events, snapshots, cursor, c, out):
     """Fold what has not been folded; keep a snapshot before every STRIDE-th event."""
     for k in range(cursor[FOLDED], cursor[EVENTS]):
         if k % STRIDE == 0:
             snapshots[k // STRIDE, :] = s
-        fold(s, events[k], c, out, reported)
+        fold(s, events[k], c, out)
     cursor[FOLDED] = cursor[EVENTS]
 
 
 @compiled
-def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out, reported):
+def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out):
     """Take events in the order of arrival, from index `first` on; each goes to its place and what follows is folded again.
 
     events (capacity, EVENT_WIDTH) and snapshots (capacity / STRIDE + 1, STATE_SIZE) hold the history; cursor and marks go with them.
@@ -142,7 +142,7 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
             k = place // STRIDE
             s[:] = snapshots[k]
             cursor[FOLDED] = k * STRIDE
-        fold_to_end(s, events, snapshots, cursor, c, out, reported)
+        fold_to_end(s, events, snapshots, cursor, c, out)
         if makes_pose and math.isfinite(s[L.T]):
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > cursor[LAST_SLOT]:

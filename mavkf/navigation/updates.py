@@ -1,7 +1,7 @@
 """One update per sensor: predict the measurement, judge it by its NIS, fuse it, and leave a record either way.
 
-`out` is the triple of output buffers (innovation rows, note rows, and their counts); `tell` says whether this event may write:
-an event that is folded again after a late one has told its story already.
+`out` holds the output buffers: innovation rows, note rows, their two counts, the time of the last note of each code, and the numbers of
+the events on record: an event that is folded again after a late one does not tell its story twice.
 """
 
 import math
@@ -45,10 +45,11 @@ YAW_START = 0.15  # rad: one sigma of the first heading from the magnetometer
 
 
 @compiled
-def note(out, tell, code, start, end, size, a, b):
-    """Write a note row, if this event may write."""
-    notes, counts = out[1], out[2]
-    if tell and counts[1] < notes.shape[0]:
+def note(out, code, start, end, size, a, b):
+    """Write a note row, unless one of this code was written for this time or a later one (the event is folded again)."""
+    notes, counts, written = out[1], out[2], out[3]
+    if end > written[code.value] and counts[1] < notes.shape[0]:
+        written[code.value] = end
         row = notes[counts[1]]
         row[L.NOTE_CODE] = code.value
         row[L.NOTE_START] = start
@@ -60,16 +61,19 @@ def note(out, tell, code, start, end, size, a, b):
 
 
 @compiled
-def record(out, tell, t, sensor, source, r, S, nis, limit, reason):
-    """Write an innovation row, if this event may write."""
-    rows, counts = out[0], out[2]
-    if tell and counts[0] < rows.shape[0]:
+def record(out, e, t, sensor, r, S, nis, limit, reason):
+    """Write an innovation row, unless this event has left one for this sensor already (it is folded again)."""
+    rows, counts, recorded = out[0], out[2], out[4]
+    second = 1 if sensor == Sensor.GNSS_VELOCITY else 0
+    slot = (2 * int(e[L.EVENT_ID]) + second) % recorded.shape[0]
+    if recorded[slot] != e[L.EVENT_ID] and counts[0] < rows.shape[0]:
+        recorded[slot] = e[L.EVENT_ID]
         row = rows[counts[0]]
         row[:] = 0.0
         m = r.shape[0]
         row[L.I_TIME] = t
         row[L.I_SENSOR] = sensor.value
-        row[L.I_SOURCE] = source
+        row[L.I_SOURCE] = e[SOURCE]
         row[L.I_SIZE] = m
         for i in range(m):
             row[L.I_R + i] = r[i]
@@ -83,7 +87,7 @@ def record(out, tell, t, sensor, source, r, S, nis, limit, reason):
 
 
 @compiled
-def fuse(s, c, out, tell, sensor, source, r, H, R, suspect):
+def fuse(s, e, c, out, sensor, r, H, R, suspect):
     """Judge and fuse one vector; returns whether it was fused. r: (m,), H: (m, N), R: (m, m); `suspect`: a Reason against it."""
     m = r.shape[0]
     P = s[L.P : L.P + N * N].reshape((N, N))
@@ -101,7 +105,7 @@ def fuse(s, c, out, tell, sensor, source, r, H, R, suspect):
         # a NaN fails the comparison and is refused like an outlier
         if reason == Reason.FUSED and not nis <= limit:
             reason = Reason.GATE
-    record(out, tell, s[L.T], sensor, source, r, S, nis, limit, reason)
+    record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
     if reason != Reason.FUSED:
         return False
     dx = np.empty(N)
@@ -168,7 +172,7 @@ def agrees(latitude, longitude, height, vn, ve, dt, e, c):
 
 
 @compiled
-def start_position(s, e, c, out, tell):
+def start_position(s, e, c, out):
     """Count fixes that agree with each other; with enough of them position and velocity begin. Returns whether they did."""
     dt = s[L.T] - s[L.T_PREVIOUS_FIX]
     lat, lon, h = s[L.FIX], s[L.FIX + 1], s[L.FIX + 2]
@@ -187,12 +191,12 @@ def start_position(s, e, c, out, tell):
         s[L.ORIGIN_LONGITUDE] = e[FIX_LONGITUDE]
         s[L.ORIGIN_HEIGHT] = e[HEIGHT_AMSL]
     sigma = math.sqrt(position_variance(e, c, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL]))
-    note(out, tell, NoteCode.POSITION_FOUND, s[L.T], s[L.T], sigma, s[L.FIX_COUNT], e[FIX_TYPE])
+    note(out, NoteCode.POSITION_FOUND, s[L.T], s[L.T], sigma, s[L.FIX_COUNT], e[FIX_TYPE])
     return True
 
 
 @compiled
-def refuse_or_reset(s, e, c, out, tell):
+def refuse_or_reset(s, e, c, out):
     """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them."""
     vn = e[VELOCITY_N] if math.isfinite(e[VELOCITY_N]) else 0.0
     ve = e[VELOCITY_E] if math.isfinite(e[VELOCITY_E]) else 0.0
@@ -207,12 +211,12 @@ def refuse_or_reset(s, e, c, out, tell):
         d = np.empty(3)
         offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[LATITUDE], s[LONGITUDE], s[HEIGHT], d)
         size = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        note(out, tell, NoteCode.POSITION_RESET, s[L.REFUSED_SINCE], s[L.T], size, s[L.REFUSED_COUNT], d[2])
+        note(out, NoteCode.POSITION_RESET, s[L.REFUSED_SINCE], s[L.T], size, s[L.REFUSED_COUNT], d[2])
         set_position(s, c, e)
 
 
 @compiled
-def use_gnss(s, e, c, out, tell):
+def use_gnss(s, e, c, out):
     """Fuse a fix: its position as a vector of three, its velocity as one of two or three."""
     if not e[FIX_TYPE] >= FIX_3D:
         s[L.NO_FIX] += 1.0
@@ -232,14 +236,14 @@ def use_gnss(s, e, c, out, tell):
             s[L.DECLINATION] = math.atan2(east, north)
         s[L.STRENGTH] = math.sqrt(north * north + east * east + down * down)
     if s[L.POSITION_KNOWN] == 0.0:
-        start_position(s, e, c, out, tell)
+        start_position(s, e, c, out)
     else:
-        fuse_fix(s, e, c, out, tell)
+        fuse_fix(s, e, c, out)
     s[L.FIX], s[L.FIX + 1], s[L.FIX + 2] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL]
 
 
 @compiled
-def fuse_fix(s, e, c, out, tell):
+def fuse_fix(s, e, c, out):
     """The two updates of a fix on a known position."""
     x = s[L.X : L.P]
     r = np.empty(3)
@@ -251,15 +255,15 @@ def fuse_fix(s, e, c, out, tell):
     R[0, 0] = position_variance(e, c, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
     R[1, 1] = R[0, 0]
     R[2, 2] = position_variance(e, c, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
-    if fuse(s, c, out, tell, Sensor.GNSS_POSITION, e[SOURCE], r, H, R, Reason.FUSED):
+    if fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.FUSED):
         if s[L.OUTAGE] != 0.0:
             s[L.OUTAGE] = 0.0
-            note(out, tell, NoteCode.GNSS_BACK, s[L.T_POSITION], s[L.T], s[L.T] - s[L.T_POSITION], 0.0, 0.0)
+            note(out, NoteCode.GNSS_BACK, s[L.T_POSITION], s[L.T], s[L.T] - s[L.T_POSITION], 0.0, 0.0)
         s[L.T_POSITION] = s[L.T]
         s[L.REFUSED_SINCE] = np.nan
         s[L.REFUSED_COUNT] = 0.0
     else:
-        refuse_or_reset(s, e, c, out, tell)
+        refuse_or_reset(s, e, c, out)
     vn, ve, vd = e[VELOCITY_N], e[VELOCITY_E], e[VELOCITY_D]
     if not (math.isfinite(vn) and math.isfinite(ve)):
         return
@@ -281,7 +285,7 @@ def fuse_fix(s, e, c, out, tell):
     r[0] = vn - x[V]
     r[1] = ve - x[V + 1]
     r[2] = vd - x[V + 2]
-    if fuse(s, c, out, tell, Sensor.GNSS_VELOCITY, e[SOURCE], r[:m], H[:m], R[:m, :m].copy(), Reason.FUSED):
+    if fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R[:m, :m].copy(), Reason.FUSED):
         s[L.T_VELOCITY] = s[L.T]
 
 
@@ -292,7 +296,7 @@ def pressure_height(pressure):
 
 
 @compiled
-def use_barometer(s, e, c, out, tell):
+def use_barometer(s, e, c, out):
     """Fuse a pressure as a height with a slowly wandering bias."""
     if s[L.POSITION_KNOWN] == 0.0 or c[Parameter.USE_BAROMETER] == 0.0:
         return
@@ -322,11 +326,11 @@ def use_barometer(s, e, c, out, tell):
     H[0, POS + 2] = -1.0
     H[0, DBARO] = 1.0
     R[0, 0] = sigma * sigma
-    fuse(s, c, out, tell, Sensor.BAROMETER, e[SOURCE], r, H, R, Reason.FUSED)
+    fuse(s, e, c, out, Sensor.BAROMETER, r, H, R, Reason.FUSED)
 
 
 @compiled
-def use_magnetometer(s, e, c, out, tell):
+def use_magnetometer(s, e, c, out):
     """Fuse the bearing of the levelled field as a heading; the first one sets the yaw.
 
     Bearing of m_n = C_nb m_b against the declination D: r = D - atan2(m_E, m_N), H = [-m_D m_N, -m_D m_E, m_h^2] / m_h^2 on dtheta.
@@ -335,6 +339,7 @@ def use_magnetometer(s, e, c, out, tell):
         return
     mx, my, mz = e[FIELD], e[FIELD + 1], e[FIELD + 2]
     k = L.FIELD
+    s[L.T_FIELD] = e[TIME]
     # a held value is older than its stamp says; only the first heading may come from one, for want of a better
     if s[L.YAW_KNOWN] != 0.0 and mx == s[k] and my == s[k + 1] and mz == s[k + 2]:
         s[L.DUPLICATES] += 1.0
@@ -365,7 +370,7 @@ def use_magnetometer(s, e, c, out, tell):
         forget(s, THETA + 2, 1, max(YAW_START**2, sigma2))
         s[L.YAW_KNOWN] = 1.0
         s[L.T_MAGNETOMETER] = s[L.T]
-        note(out, tell, NoteCode.YAW_ALIGNED, s[L.T], s[L.T], abs(r[0]), s[L.DECLINATION], strength)
+        note(out, NoteCode.YAW_ALIGNED, s[L.T], s[L.T], abs(r[0]), s[L.DECLINATION], strength)
         return
     H = np.zeros((1, N))
     R = np.empty((1, 1))
@@ -373,12 +378,12 @@ def use_magnetometer(s, e, c, out, tell):
     H[0, THETA + 1] = -down * east / horizontal2
     H[0, THETA + 2] = 1.0
     R[0, 0] = sigma2
-    fuse(s, c, out, tell, Sensor.MAGNETOMETER, e[SOURCE], r, H, R, suspect)
+    fuse(s, e, c, out, Sensor.MAGNETOMETER, r, H, R, suspect)
     s[L.T_MAGNETOMETER] = s[L.T]
 
 
 @compiled
-def level(s, c, out, tell, source):
+def level(s, e, c, out):
     """Level by gravity while the velocity is not carried by the accelerometer: the specific force is -g but for the acceleration.
 
     r = (C_nb f_b) horizontal, f_n about (0, 0, -g), so H = [f_n x] on dtheta. The unknown acceleration lasts, so its variance is
@@ -411,4 +416,4 @@ def level(s, c, out, tell, source):
     R = np.zeros((2, 2))
     R[0, 0] = variance * max(1.0, c[Parameter.ACCELERATION_TIME] / max(since, 1e-3))
     R[1, 1] = R[0, 0]
-    fuse(s, c, out, tell, Sensor.GRAVITY, source, r, H, R, Reason.FUSED)
+    fuse(s, e, c, out, Sensor.GRAVITY, r, H, R, Reason.FUSED)

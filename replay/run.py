@@ -1,0 +1,188 @@
+"""Estimate a log: offline in the order of measurement, or as live in the order of arrival."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.config import Config
+from mavkf.errors import LogError, UsageError
+from mavkf.link.clocks import ClockCounts, VehicleClock
+from mavkf.navigation.estimator import Output, fold_counts, joined, run_offline
+from mavkf.navigation.setup import Setup
+from mavkf.replay.tlog import Log, read_tlog
+from mavkf.samples import IMU_SOURCES, KIND, SESSION, Kind, Source
+from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
+
+Array = NDArray[np.float64]
+MODELS = ("strapdown", "constant-velocity")
+BLOCK = 50_000  # rows between two calls of `progress`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to replay.
+
+    as_live: in the order of arrival, each pose as it would have been published; else in the order of measurement.
+    rate_hz: rows a second of boot time, 0 for every step. span: boot times (s) to use. vehicle: `<sysid>-<compid>`, session: its number; None: all.
+    imu: the IMU message to use; model: one of MODELS; None: chosen from the session's first seconds.
+    """
+
+    as_live: bool = False
+    rate_hz: float = 50.0
+    span: tuple[float, float] = (-math.inf, math.inf)
+    vehicle: str | None = None
+    session: int | None = None
+    imu: Source | None = None
+    model: str | None = None
+    config: Config = field(default_factory=Config)
+
+
+@dataclass(frozen=True)
+class SessionResult:
+    """What came of one session of one vehicle.
+
+    rows: its timed sample rows (n, ROW_WIDTH), in the order of arrival; output: pose rows, innovations and notes of the fold;
+    counts: what the fold counted.
+    """
+
+    vehicle: str
+    session: int
+    setup: Setup
+    rows: Array
+    output: Output
+    counts: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A replayed log: its sessions by vehicle, the counts of each vehicle's clock, and the seconds of work."""
+
+    log: Log
+    sessions: list[SessionResult]
+    clocks: dict[str, ClockCounts]
+    read_s: float
+    estimate_s: float
+
+
+def imu_source(name: str | None) -> Source | None:
+    """The IMU message of a name. Raises UsageError."""
+    if name is None:
+        return None
+    for source in IMU_SOURCES:
+        if source.name == name.upper():
+            return source
+    raise UsageError(f"--imu {name}: no IMU message of this name; choose one of {', '.join(source.name for source in IMU_SOURCES)}")
+
+
+def check(options: Options) -> Options:
+    """The options, if they make sense. Raises UsageError."""
+    if options.model is not None and options.model not in MODELS:
+        raise UsageError(f"--model {options.model}: choose one of {', '.join(MODELS)}")
+    if not 0.0 <= options.rate_hz <= 10_000.0:
+        raise UsageError(f"--rate {options.rate_hz:g}: give rows a second, or 0 for every step")
+    if not options.span[0] < options.span[1]:
+        raise UsageError(f"--from {options.span[0]:g} --to {options.span[1]:g}: the end must come after the beginning")
+    return options
+
+
+def chosen_vehicles(log: Log, options: Options) -> list[tuple[int, int]]:
+    """The (system, component) of the vehicles to replay. Raises LogError or UsageError where there is none."""
+    vehicles = log.vehicles()
+    if not vehicles:
+        raise LogError(
+            f"{log.path} has no vehicle: no component in it sends IMU or GNSS messages; record the autopilot's own telemetry"
+        )
+    if options.vehicle is None:
+        return vehicles
+    named = [address for address in vehicles if vehicle_name(address) == options.vehicle]
+    if not named:
+        raise UsageError(f"--vehicle {options.vehicle}: this log has {', '.join(map(vehicle_name, vehicles))}")
+    return named
+
+
+def vehicle_name(address: tuple[int, int]) -> str:
+    """`<sysid>-<compid>` of a (system, component)."""
+    return f"{address[0]}-{address[1]}"
+
+
+def run(
+    path: Path,
+    options: Options,
+    progress: Callable[[str, float], object] | None = None,
+    each: Callable[[VehicleStream, Step], object] | None = None,
+) -> Result:
+    """Replay a log.
+
+    progress: called with what is being done ("reading", "estimating") and the share that is done.
+    each: called with every step of a run as live, for what needs records. Raises LogError, UsageError.
+    """
+    check(options)
+    begin = time.perf_counter()
+    log = read_tlog(path, (lambda share: progress("reading", share)) if progress else None)
+    addresses = chosen_vehicles(log, options)
+    read = time.perf_counter()
+    sessions: list[SessionResult] = []
+    clocks: dict[str, ClockCounts] = {}
+    for k, address in enumerate(addresses):
+
+        def part(share: float, k: int = k) -> None:
+            if progress:
+                progress("estimating", (k + share) / len(addresses))
+
+        name = vehicle_name(address)
+        clock = VehicleClock(options.config.timeline.window_s)
+        rows = within(np.concatenate([clock.push(log.rows[address]), clock.flush()]), options.span)
+        clocks[name] = clock.counts
+        estimate = _as_live if options.as_live else _offline
+        sessions += estimate(name, log.rows[address] if options.as_live else rows, rows, options, part, each)
+    if options.session is not None and not sessions:
+        raise UsageError(f"--session {options.session}: no vehicle has a session of this number; `mavkf info {path}` lists them")
+    return Result(log, sessions, clocks, read - begin, time.perf_counter() - read)
+
+
+def _sessions(rows: Array, options: Options) -> Iterator[tuple[int, Array]]:
+    """The wanted sessions of timed rows, with those of their rows that have a sensor's sample among them."""
+    for session in np.unique(rows[:, SESSION]).astype(int):
+        mine = rows[rows[:, SESSION] == session]
+        if options.session in (None, session) and np.isin(mine[:, KIND], (Kind.IMU, Kind.GNSS)).any():
+            yield int(session), mine
+
+
+def _offline(
+    name: str, _: Array, rows: Array, options: Options, part: Callable[[float], None], __: object
+) -> Iterator[SessionResult]:
+    for session, mine in _sessions(rows, options):
+        done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part)
+        yield SessionResult(name, session, done.setup, mine, done.output, fold_counts(done.state))
+
+
+def _as_live(
+    name: str,
+    arrived: Array,
+    rows: Array,
+    options: Options,
+    part: Callable[[float], None],
+    each: Callable[[VehicleStream, Step], object] | None,
+) -> Iterator[SessionResult]:
+    live = VehicleStream(name, options.config, options.rate_hz, options.imu, options.model, options.span)
+    outputs: dict[int, list[Output]] = {}
+    ends: dict[int, tuple[Setup, dict[str, int]]] = {}
+    for i in range(0, arrived.shape[0] + 1, BLOCK):
+        last = i + BLOCK > arrived.shape[0]
+        for step in chain(live.push(arrived[i : i + BLOCK]), live.finish() if last else ()):
+            outputs.setdefault(step.session, []).append(step.output)
+            estimator = live.estimator
+            if estimator is not None and estimator.setup is not None and step.session == live.session:
+                ends[step.session] = estimator.setup, state_counts(estimator)
+            if each is not None and options.session in (None, step.session):
+                each(live, step)
+        part(min(1.0, i / arrived.shape[0]))
+    for session, mine in _sessions(rows, options):
+        if session in ends:
+            yield SessionResult(name, session, ends[session][0], mine, joined(outputs[session]), ends[session][1])

@@ -1,0 +1,164 @@
+"""What a replay found, as plain values for `--json` and for people: one place for both."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.navigation import layout as L
+from mavkf.navigation.records import SENSOR_NAMES, RecordWriter, flag_names, validity
+from mavkf.replay.run import Result, SessionResult
+from mavkf.samples import FIX, KIND, SOURCE, TIME, Kind, Source
+
+Array = NDArray[np.float64]
+SLOW_HZ = 1.0  # Hz: rates below it are given with more digits
+
+
+def summarise(result: Result) -> dict[str, Any]:
+    """The summary of a replayed log, of numbers, text and None only."""
+    flown = sum(_span(session)[1] - _span(session)[0] for session in result.sessions)
+    total = result.read_s + result.estimate_s
+    return {
+        "log": str(result.log.path),
+        "size_bytes": result.log.size,
+        "damage": result.log.damage.as_dict(),
+        "sessions": [_session(session, result) for session in result.sessions],
+        "time": {
+            "read_s": round(result.read_s, 4),
+            "estimate_s": round(result.estimate_s, 4),
+            "flown_s": round(flown, 3),
+            "times_real_time": round(flown / total, 1) if total > 0.0 else None,
+        },
+    }
+
+
+def estimated(session: SessionResult) -> bool:
+    """Whether anything came of a session: a tilt, a position or a velocity."""
+    return bool(np.any(session.output.poses[:, L.R_VALID] > 0)) if session.output.poses.shape[0] else False
+
+
+def warnings(session: SessionResult) -> list[str]:
+    """What is missing, and what follows from it: one sentence each."""
+    rows, setup = session.rows, session.setup
+    said = []
+    gnss = rows[rows[:, KIND] == Kind.GNSS]
+    poses = session.output.poses
+    has_imu = bool(np.any(rows[:, KIND] == Kind.IMU))
+    if not gnss.shape[0]:
+        said.append("no GNSS message: attitude is estimated, position and velocity are unknown")
+    elif not np.any(gnss[:, FIX] >= 3):
+        said.append("GNSS never had a 3D fix: attitude is estimated, position and velocity are unknown")
+    elif poses.shape[0] and not np.any(np.isfinite(poses[:, L.R_LATITUDE])):
+        said.append("no fixes in a row that agree with each other: position and velocity are unknown")
+    if not has_imu:
+        said.append("no IMU message: position and velocity are estimated, attitude is unknown")
+    elif setup.imu is None:
+        said.append("no usable IMU message in the first seconds: attitude is unknown")
+    elif not setup.strapdown:
+        said.append(f"the IMU at {setup.imu_rate_hz:.2g} Hz is slow: attitude is coarse, and follows gravity rather than the motion")
+    if setup.imu is not None and poses.shape[0] and not np.any(np.isfinite(poses[:, L.R_EULER + 2])):
+        why = "no magnetometer" if setup.magnetometer is None else "no heading from the magnetometer"
+        said.append(f"{why}: yaw is unknown")
+    if not estimated(session):
+        said.append("nothing could be estimated in this session")
+    return said
+
+
+def _span(session: SessionResult) -> tuple[float, float]:
+    return float(session.rows[:, TIME].min()), float(session.rows[:, TIME].max())
+
+
+def _number(value: float, digits: int = 4) -> float | None:
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def _session(session: SessionResult, result: Result) -> dict[str, Any]:
+    first, last = _span(session)
+    writer = RecordWriter(session.vehicle)
+    clock = result.clocks[session.vehicle]
+    setup = session.setup
+    return {
+        "vehicle": session.vehicle,
+        "session": session.session,
+        "from_s": round(first, 3),
+        "to_s": round(last, 3),
+        "autopilot": setup.autopilot,
+        "vehicle_type": setup.vehicle_type,
+        "setup": list(setup.reasons),
+        "delays_s": {
+            "gnss": setup.gnss_delay,
+            "imu": setup.imu_delay,
+            "magnetometer": setup.magnetometer_delay,
+            "barometer": setup.barometer_delay,
+        },
+        "rates_hz": _rates(session.rows),
+        "gaps": {"clock": clock.gaps, "longest_s": _number(clock.longest_gap_s, 3), "imu": session.counts["imu_gaps"]},
+        "counts": session.counts | {"late": clock.late, "bad_stamps": clock.bad_stamps, "untimed": clock.untimed},
+        "sensors": _sensors(session.output.innovations),
+        "end": _end(session.output.poses),
+        "coverage": _coverage(session.output.poses),
+        "events": [
+            {"t_s": _number(event.t_end_s or math.nan, 3), "kind": event.kind, "text": event.text}
+            for event in (writer.event(note, session.session) for note in session.output.notes)
+        ],
+        "warnings": warnings(session),
+    }
+
+
+def _rates(rows: Array) -> dict[str, float]:
+    rates = {}
+    for kind in (Kind.IMU, Kind.GNSS, Kind.MAGNETOMETER, Kind.BAROMETER):
+        for source in Source:
+            times = rows[(rows[:, KIND] == kind) & (rows[:, SOURCE] == source), TIME]
+            if times.size > 1 and times.max() > times.min():
+                rate = (times.size - 1) / (times.max() - times.min())
+                rates[f"{kind.name.lower()} {source.name}"] = round(float(rate), 1 if rate >= SLOW_HZ else 3)
+    return rates
+
+
+def _sensors(innovations: Array) -> dict[str, dict[str, Any]]:
+    """By sensor: measurements, share refused, mean NIS for each degree of freedom (1 where the filter is right)."""
+    found = {}
+    for sensor, name in enumerate(SENSOR_NAMES):
+        mine = innovations[innovations[:, L.I_SENSOR] == sensor]
+        if mine.shape[0]:
+            fused = mine[mine[:, L.I_FUSED] > 0]
+            nis = fused[:, L.I_NIS] / fused[:, L.I_SIZE]
+            found[name] = {
+                "count": mine.shape[0],
+                "refused": int(mine.shape[0] - fused.shape[0]),
+                "nis": _number(float(np.mean(nis))) if nis.size else None,
+            }
+    return found
+
+
+def _coverage(poses: Array) -> dict[str, float | None]:
+    """Share of the pose rows in which each part is valid."""
+    names = ("position", "velocity", "tilt", "yaw")
+    if not poses.shape[0]:
+        return dict.fromkeys(names)
+    bits = poses[:, L.R_VALID].astype(int)
+    return {name: round(float(np.mean(bits >> i & 1)), 4) for i, name in enumerate(names)}
+
+
+def _end(poses: Array) -> dict[str, Any] | None:
+    """The last pose: where, how sure, and what the slow errors were found to be."""
+    if not poses.shape[0]:
+        return None
+    row = poses[-1]
+    degrees = np.degrees
+    pose = row[L.R_POSE_COVARIANCE : L.R_POSE_COVARIANCE + 36]
+    return {
+        "t_s": _number(row[L.R_TIME], 3),
+        "lat_deg": _number(degrees(row[L.R_LATITUDE]), 7),
+        "lon_deg": _number(degrees(row[L.R_LONGITUDE]), 7),
+        "alt_amsl_m": _number(row[L.R_HEIGHT], 2),
+        "euler_deg": [_number(degrees(a), 2) for a in row[L.R_EULER : L.R_EULER + 3]],
+        "sigma_position_m": [_number(math.sqrt(v), 3) for v in pose[[0, 7, 14]]],
+        "sigma_euler_deg": [_number(degrees(a), 3) for a in row[L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3]],
+        "gyro_bias_b_rad_s": [_number(b, 5) for b in row[L.R_BG : L.R_BG + 3]],
+        "accel_bias_b_m_s2": [_number(b, 4) for b in row[L.R_BA : L.R_BA + 3]],
+        "valid": {name: getattr(validity(row[L.R_VALID]), name) for name in ("position", "velocity", "tilt", "yaw")},
+        "flags": list(flag_names(row[L.R_FLAGS])),
+    }
