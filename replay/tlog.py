@@ -35,7 +35,8 @@ class Log:
 
     path, size:  the file, bytes.
     data:        its bytes (uint8, mapped).
-    frames:      its frames in file order (`mavkf.link.framing.FRAME`), stamps repaired.
+    frames:      its frames in file order (`mavkf.link.framing.FRAME`), stamps repaired (all 0 in a file of
+                 bare frames, which has none).
     damage:      what its bytes were.
     refused:     messages that gave no rows.
     rows:        sample rows of each (system, component), in file order, without TIME and SESSION.
@@ -107,6 +108,7 @@ def read_tlog(path: Path, progress: Callable[[float], object] | None = None) -> 
     if len(frames) == 0:
         raise LogError(f"{path} holds no MAVLink frame; give a telemetry log (.tlog) of a ground station.")
     damage = replace(damage, bad_stamps=repair_stamps(frames))
+    frames["stamp"] = np.maximum(frames["stamp"], 0)
     refused = DecodeCounts()
     rows = decode(data, frames, refused)
     return Log(path, data.size, data, frames, damage, refused, rows)

@@ -49,6 +49,14 @@ def message_ids() -> dict[str, int]:
     return {name: message_id for message_id, name in message_names().items()}
 
 
+def enum_words(enum: str, value: float) -> str:
+    """Put a value of an enum (MAV_TYPE ...) in words: what follows the enum's name, in lower case."""
+    from pymavlink.dialects.v20 import all as dialect
+
+    entry = dialect.enums[enum].get(int(value))
+    return entry.name.removeprefix(f"{enum}_").replace("_", " ").lower() if entry else f"unknown ({value:.0f})"
+
+
 @cache
 def message_dtype(name: str) -> np.dtype[Any]:
     """Build the packed little-endian dtype of a message's payload, fields in wire order.
