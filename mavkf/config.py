@@ -100,7 +100,7 @@ class Model(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     strapdown_hz: Annotated[
         float, Meta(ge=0.0, le=1000.0, description="Hz: an IMU slower than this is too slow for strapdown navigation")
-    ] = 10.0
+    ] = 8.0
 
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -60,6 +60,7 @@ def begin(s, c):
     ):
         s[i] = np.nan
     s[L.T_MAGNETOMETER] = -1.0
+    s[L.PERIOD] = c[Parameter.IMU_PERIOD]
     s[L.RATE : L.RATE + 3] = np.nan
     P = s[L.P : L.P + N * N].reshape((N, N))
     for i in range(3):

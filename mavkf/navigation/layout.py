@@ -98,6 +98,7 @@ class Parameter(IntEnum):
     DECLINATION = 24
     USE_MAGNETOMETER = 25
     USE_BAROMETER = 26
+    IMU_PERIOD = 27
 
 
 PARAMETERS = len(Parameter)

@@ -202,6 +202,7 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.DECLINATION: math.nan if declination is None else math.radians(declination),
         Parameter.USE_MAGNETOMETER: float(config.vehicle.use_magnetometer),
         Parameter.USE_BAROMETER: float(config.vehicle.use_barometer),
+        Parameter.IMU_PERIOD: 1.0 / setup.imu_rate_hz if setup.imu_rate_hz > 0.0 else 0.0,
     }
     array = np.empty(PARAMETERS)
     for parameter, value in values.items():

@@ -1,0 +1,186 @@
+"""`mavkf replay`: estimate from a log at full speed."""
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Annotated, Any
+
+from cyclopts import Parameter
+
+from mavkf.cli._console import Connect, Listen, ZenohConfig, messages, output, say
+from mavkf.config import Config, read_config, settings, with_settings
+from mavkf.errors import UsageError
+from mavkf.estimate import Record
+from mavkf.publish.publisher import Publisher
+from mavkf.publish.records import encode
+from mavkf.publish.session import open_session
+from mavkf.replay.export import write_csv
+from mavkf.replay.run import Options, Result, imu_source, run
+from mavkf.replay.summary import estimated, summarise
+from mavkf.service.vehicle import Step, VehicleStream
+from mavkf.service.warmup import ensure_compiled
+
+LONG_BYTES = 20_000_000  # files from here on get a progress bar
+
+
+def replay(  # noqa: D417 (the rest is described in _console)
+    log: Path | None = None,
+    /,
+    *,
+    csv: Path | None = None,
+    jsonl: Path | None = None,
+    as_live: bool = False,
+    start: Annotated[float, Parameter(name="--from")] = -math.inf,
+    end: Annotated[float, Parameter(name="--to")] = math.inf,
+    rate: float = 50.0,
+    vehicle: str | None = None,
+    session: int | None = None,
+    imu: str | None = None,
+    model: str | None = None,
+    config: Path | None = None,
+    set: tuple[str, ...] = (),
+    settings: bool = False,
+    json: bool = False,
+    publish: bool = False,
+    connect: Connect = (),
+    listen: Listen = (),
+    zenoh_config: ZenohConfig = None,
+) -> int:
+    """Estimate from a log (tlog) at full speed and say what was found.
+
+    Samples are taken in the order in which they were measured; with --as-live in the order in which they arrived, and each pose is
+    what a live run would have published at that moment. Exit code 1 if nothing could be estimated.
+
+    Args:
+        csv: Write the estimates to this file.
+        jsonl: Write the pose records to this file, one JSON object a line, as they are published (implies --as-live).
+        as_live: Feed the samples in their order of arrival.
+        start: Use samples from this boot time on, s.
+        end: Use samples up to this boot time, s.
+        rate: Rows (poses) a second of boot time; 0 for every step.
+        vehicle: Only this vehicle, as 1-1.
+        session: Only this session (boot), from 0.
+        imu: Use this IMU message, as RAW_IMU.
+        model: strapdown or constant-velocity, instead of the automatic choice.
+        config: Settings from this TOML file.
+        set: One setting, as vehicle.gnss_delay_s=0.2; may be repeated.
+        settings: List all settings with their defaults, and end.
+        json: Print the summary as JSON.
+        publish: Publish over zenoh what a live run would have published, waiting for slow readers.
+
+    """
+    if settings:
+        return _list_settings()
+    if log is None:
+        raise UsageError("mavkf replay needs the path of a log (.tlog)")
+    options = Options(
+        as_live=as_live or publish or jsonl is not None,
+        rate_hz=rate,
+        span=(start, end),
+        vehicle=vehicle,
+        session=session,
+        imu=imu_source(imu),
+        model=model,
+        config=with_settings(read_config(config) if config else Config(), set),
+    )
+    ensure_compiled(say)
+    with (
+        _progress(log) as progress,
+        _pose_file(jsonl) as file,
+        _publishing(publish, connect, listen, zenoh_config) as send,
+    ):
+
+        def each(stream: VehicleStream, step: Step) -> None:
+            if send is not None:
+                for record in stream.records(step):
+                    send(record)
+                    if file is not None and record.__class__.__name__ == "Pose":
+                        file.write(encode(record) + b"\n")
+            elif file is not None:
+                file.writelines(encode(pose) + b"\n" for pose in stream.poses(step))
+
+        result = run(log, options, progress, each if file is not None or send is not None else None)
+    rows = write_csv(csv, result.sessions) if csv is not None else None
+    _report(result, json)
+    if rows is not None:
+        say(f"{csv}: {rows} rows")
+    return 0 if any(estimated(found) for found in result.sessions) else 1
+
+
+def _list_settings() -> int:
+    for name, default, description, _ in settings():
+        value = "" if default is None else str(default).lower() if isinstance(default, bool) else f"{default:g}"
+        print(f"{name} = {value or '(automatic)'}\n    {description}")
+    return 0
+
+
+@contextmanager
+def _progress(log: Path) -> Iterator[Callable[[str, float], object] | None]:
+    """A progress bar on stderr for a long file in a terminal, else nothing."""
+    if not (sys.stderr.isatty() and log.is_file() and log.stat().st_size > LONG_BYTES):
+        yield None
+        return
+    from rich.progress import Progress
+
+    with Progress(console=messages(), transient=True) as bar:
+        tasks: dict[str, Any] = {}
+
+        def show(what: str, share: float) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(what, total=1.0)
+            bar.update(tasks[what], completed=share)
+
+        yield show
+
+
+@contextmanager
+def _pose_file(path: Path | None) -> Iterator[IO[bytes] | None]:
+    if path is None:
+        yield None
+        return
+    try:
+        file = path.open("wb")
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists") from None
+    with file:
+        yield file
+
+
+@contextmanager
+def _publishing(
+    wanted: bool, connect: tuple[str, ...], listen: tuple[str, ...], config: Path | None
+) -> Iterator[Callable[[Record], object] | None]:
+    """A function that publishes a record under its vehicle, waiting for slow readers."""
+    if not wanted:
+        yield None
+        return
+    publishers: dict[str, Publisher] = {}
+    with open_session(publishes=True, connect=list(connect), listen=list(listen), config_file=config) as session:
+
+        def send(record: Record) -> None:
+            if record.vehicle not in publishers:
+                publishers[record.vehicle] = Publisher(session, record.vehicle, congestion="block")
+            publishers[record.vehicle].publish(record)
+
+        try:
+            yield send
+        finally:
+            for publisher in publishers.values():
+                publisher.close()
+
+
+def _report(result: Result, as_json: bool) -> None:
+    summary = summarise(result)
+    if as_json:
+        import msgspec
+
+        sys.stdout.write(msgspec.json.format(msgspec.json.encode(summary), indent=1).decode() + "\n")
+        return
+    from mavkf.cli._summary import print_summary
+
+    print_summary(output(), summary)
+    for session in summary["sessions"]:
+        for warning in session["warnings"]:
+            say(f"{session['vehicle']} session {session['session']}: {warning}")
