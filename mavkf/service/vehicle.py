@@ -55,6 +55,7 @@ class VehicleStream:
         self.session = -1
         self.estimator: SessionEstimator | None = None
         self._newest = -math.inf
+        self._known = False  # it was a vehicle in a session before
         self._begin(-1)
 
     def _begin(self, session: int) -> None:
@@ -80,7 +81,7 @@ class VehicleStream:
     def finish(self) -> Iterator[Step]:
         """Take it that nothing more will come."""
         yield from self._timed(within(self.clock.flush(), self.span))
-        if self.estimator is not None:
+        if self.estimator is not None and self.is_vehicle:
             for output in self.estimator.finish():
                 yield self._step(output)
 
@@ -106,12 +107,13 @@ class VehicleStream:
 
     def _change_session(self, session: int, t: float) -> Iterator[Step]:
         before, estimator = self._newest, self.estimator
-        if estimator is not None:
+        self._known |= self.is_vehicle
+        if estimator is not None and self.is_vehicle:
             for output in estimator.finish():
                 yield self._step(output)
         self._begin(session)
         self._newest = -math.inf
-        if estimator is not None:
+        if self._known:
             event = Event(
                 **self.writer.head("event", session, t),
                 kind="reboot",
@@ -166,7 +168,9 @@ class VehicleStream:
             model=model_name(row),
             rates_hz=rates,
             counts=dict(self.counts) | state_counts(self.estimator),
-            age_s={name: self._newest - self._last[kind] if kind in self._last else None for kind, name in KINDS.items()},
+            age_s={
+                name: self._newest - self._last[kind] if kind in self._last else None for kind, name in KINDS.items()
+            },
         )
 
     def records(self, step: Step) -> Iterator[Record]:

@@ -1,0 +1,184 @@
+"""`mavkf serve`: live telemetry or logs in, fused poses over zenoh out."""
+
+import math
+import signal
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, get_args
+
+from cyclopts import Parameter
+
+from mavkf.cli._console import Connect, Listen, ZenohConfig, say
+from mavkf.errors import UsageError
+
+if TYPE_CHECKING:
+    from mavkf.samples import Source
+
+MODELS = ("strapdown", "constant-velocity")
+Repeated = Parameter(show_default=False)
+
+
+def serve(  # noqa: D417 (the rest is described in _console)
+    *sources: str,
+    speed: float = 1.0,
+    wait_subscriber: float | None = None,
+    record: Path | None = None,
+    rate: float = 50.0,
+    vehicle_name: Annotated[tuple[str, ...], Repeated] = (),
+    imu: str | None = None,
+    model: str | None = None,
+    config: Path | None = None,
+    set: Annotated[tuple[str, ...], Repeated] = (),
+    encoding: str = "json",
+    connect: Connect = (),
+    listen: Listen = (),
+    zenoh_config: ZenohConfig = None,
+    quiet: bool = False,
+) -> int:
+    """Read live telemetry or a log, estimate, publish over zenoh.
+
+    Runs until the end of the log, or Ctrl-C. Exit code 0 when a log was served, 1 when nothing could be estimated, 130
+    after Ctrl-C, 0 after SIGTERM.
+
+    Args:
+        sources: udpin:host:port, tcp:host:port, or logs (.tlog).
+        speed: Of logs: times the recorded pace, 0 for as fast as possible.
+        wait_subscriber: Of logs: wait so many seconds for the first subscriber, and from then on rather wait than drop.
+        record: Folder to record what comes in, a tlog for each source.
+        rate: Poses a second of the vehicle's clock; 0 for one each IMU sample.
+        vehicle_name: SYSID-COMPID=NAME, as in 1-1=alpha: call this vehicle so in keys and records; may be repeated.
+        imu: IMU message to use, as in RAW_IMU; chosen from the first seconds if not given.
+        model: strapdown or constant-velocity; chosen from the first seconds if not given.
+        config: TOML file of settings.
+        set: key=value, one setting; may be repeated.
+        encoding: json or msgpack.
+        quiet: Say only what goes wrong.
+
+    """
+    from mavkf.config import Config, read_config, with_settings
+    from mavkf.publish.records import Encoding, check_choice
+    from mavkf.service.endpoints import source
+
+    if not sources:
+        raise UsageError("serve needs a source: udpin:host:port, tcp:host:port, or the path of a log")
+    if not 0.0 <= speed < math.inf:
+        raise UsageError(f"--speed {speed:g}: give times the recorded pace, or 0 for as fast as possible")
+    if wait_subscriber is not None and not 0.0 <= wait_subscriber < math.inf:
+        raise UsageError(f"--wait-subscriber {wait_subscriber:g}: give seconds")
+    if not 0.0 <= rate <= 10_000.0:
+        raise UsageError(f"--rate {rate:g}: give poses a second, or 0 for one each IMU sample")
+    if model is not None and model not in MODELS:
+        raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
+    check_choice("encoding", encoding, Encoding)
+    names = _names(vehicle_name)
+    settings = with_settings(read_config(config) if config else Config(), set)
+    opened = [source(text, _whisper if quiet else say) for text in sources]
+    logs = [one for one in opened if isinstance(one, Path)]
+    links = [one for one in opened if not isinstance(one, Path)]
+    if logs and links:
+        raise UsageError(f"{logs[0]} is a log and {links[0].name} is live: serve them by two commands")
+    if links and wait_subscriber is not None:
+        raise UsageError("--wait-subscriber is for logs: live telemetry waits for nobody")
+    if links and speed != 1.0:
+        raise UsageError("--speed is for logs: live telemetry has its own pace")
+
+    imu_message = _imu(imu)
+    from mavkf.publish.session import open_session
+    from mavkf.service.fleet import Options
+    from mavkf.service.server import serve_links, serve_logs
+    from mavkf.service.warmup import ensure_compiled
+
+    ensure_compiled(say)
+    options = Options(
+        rate_hz=rate,
+        imu=imu_message,
+        model=model,
+        config=settings,
+        names=names,
+        encoding=next(known for known in get_args(Encoding) if known == encoding),
+        congestion="drop" if wait_subscriber is None else "block",
+        quiet=quiet,
+    )
+    with (
+        _Signals() as signals,
+        open_session(publishes=True, listen=listen, connect=connect, config_file=zenoh_config) as session,
+    ):
+        if links:
+            poses = serve_links(links, session, options, say=say, stopped=signals.stopped, record=record)
+        else:
+            poses = serve_logs(
+                logs,
+                session,
+                options,
+                say=say,
+                stopped=signals.stopped,
+                record=record,
+                speed=speed,
+                wait_subscriber_s=wait_subscriber,
+            )
+    if signals.received is not None:
+        return 130 if signals.received == signal.SIGINT else 0
+    if poses == 0:
+        say("nothing could be estimated: neither a 3D fix nor a usable IMU was among the messages")
+        return 1
+    if not quiet:
+        say(f"{poses} poses were published")
+    return 0
+
+
+def _whisper(text: str) -> None:
+    """Say nothing."""
+
+
+def _imu(name: str | None) -> "Source | None":
+    from mavkf.samples import IMU_SOURCES
+
+    if name is None:
+        return None
+    for known in IMU_SOURCES:
+        if known.name == name.upper():
+            return known
+    raise UsageError(
+        f"--imu {name}: no IMU message of this name; choose one of {', '.join(s.name for s in IMU_SOURCES)}"
+    )
+
+
+def _names(assignments: tuple[str, ...]) -> dict[str, str]:
+    import re
+
+    from mavkf.publish.records import check_name
+
+    names: dict[str, str] = {}
+    for assignment in assignments:
+        match = re.fullmatch(r"(\d{1,3}-\d{1,3})=(.+)", assignment)
+        if match is None:
+            raise UsageError(f"--vehicle-name {assignment}: expected SYSID-COMPID=NAME, as in 1-1=alpha")
+        if match[2] in names.values():
+            raise UsageError(f"--vehicle-name {assignment}: two vehicles cannot have one name")
+        names[match[1]] = check_name(match[2])
+    return names
+
+
+class _Signals:
+    """Notes SIGINT and SIGTERM instead of dying of them in the middle of a record.
+
+    A flag that is looked at, not an event that is waited for: a handler may run while this very thread holds the event's
+    lock.
+    """
+
+    def __init__(self) -> None:
+        self.received: int | None = None
+
+    def stopped(self) -> bool:
+        return self.received is not None
+
+    def _note(self, number: int, _: FrameType | None) -> None:
+        self.received = number
+
+    def __enter__(self) -> "_Signals":
+        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)

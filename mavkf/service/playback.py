@@ -1,0 +1,50 @@
+"""Logs in place of a link: merged by arrival, and when each frame is due."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.replay.tlog import Log
+
+LONGEST_WAIT_US = 5_000_000
+"""A step of the stamps longer than this is a pause of the recording, or damage; nobody wants to sit through it."""
+
+
+class Merged(NamedTuple):
+    """Several logs as one.
+
+    data: the bytes of all; frames: of all, in the order of arrival, offsets into `data`; log: the number of each frame's.
+    """
+
+    data: NDArray[np.uint8]
+    frames: NDArray[np.void]
+    log: NDArray[np.int64]
+
+
+def merge(logs: Sequence[Log]) -> Merged:
+    """Merge logs by stamp, ties in argument order; the order within each file stays, even where its stamps fall."""
+    if len(logs) == 1:
+        return Merged(logs[0].data, logs[0].frames, np.zeros(len(logs[0].frames), np.int64))
+    parts, base = [], 0
+    for log in logs:
+        frames = log.frames.copy()
+        frames["offset"] += base
+        base += log.data.size
+        parts.append(frames)
+    order = np.argsort(np.concatenate([np.maximum.accumulate(part["stamp"]) for part in parts]), kind="stable")
+    numbers = np.repeat(np.arange(len(logs)), [len(part) for part in parts])
+    return Merged(np.concatenate([log.data for log in logs]), np.concatenate(parts)[order], numbers[order])
+
+
+def due_times(stamps: NDArray[np.int64], speed: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """When each frame is due, s after the first, from stamps (microseconds) played at `speed` (0: all at once).
+
+    Steps back take no time, nor do steps of more than LONGEST_WAIT_US; the second array holds the frames after those.
+    """
+    steps = np.diff(stamps, prepend=stamps[:1])
+    skipped = np.flatnonzero(np.abs(steps) > LONGEST_WAIT_US)
+    steps = np.where((steps > 0) & (steps <= LONGEST_WAIT_US), steps, 0)
+    due = np.cumsum(steps) * 1e-6 / speed if speed > 0.0 else np.zeros(len(steps))
+    return due, skipped
