@@ -1,7 +1,7 @@
 """The one decorator of compiled functions: options and the folder of the on-disk cache.
 
 numba does not notice that a function called by a cached function has changed in another file: the old machine code
-would go on being used. So the cache lives in a folder named by a hash of every source file of the package (and of the
+would go on being used. So the cache lives in a folder named by a hash of every source that is compiled (and of the
 versions of Python, numba and numpy): any change means a new folder. The folder is the user's cache directory, never
 the package's own, so a read-only installation works; where the user has none that can be written, a temporary folder
 serves this process. Compiled functions call each other by direct module-level names only, because functions passed
@@ -23,15 +23,20 @@ import numpy
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+COMPILED_FOLDERS = ("models", "filters", "navigation", "link")  # and the constants in samples.py
+
+
 @cache
 def source_hash() -> str:
-    """Hash (16 hex digits) of the package's sources and of the versions that the machine code depends on."""
+    """Hash (16 hex digits) of the compiled sources and of the versions that the machine code depends on."""
     package = Path(__file__).resolve().parent
     digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}".encode())
-    for folder in (package, package / "models", package / "replay"):
-        for path in sorted(folder.resolve().rglob("*.py")):
-            digest.update(path.name.encode())
-            digest.update(path.read_bytes())
+    paths = [package / "compiled.py", package / "samples.py"]
+    for folder in COMPILED_FOLDERS:
+        paths += sorted((package / folder).resolve().rglob("*.py"))
+    for path in paths:
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 

@@ -9,43 +9,58 @@
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import msgspec
 from msgspec import Meta
 
 from mavkf.errors import UsageError
 
-Seconds = Annotated[float, Meta(ge=0.0, le=10.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-MAXIMUM_DELAY = 1.0  # s, of any sensor behind its stamp
-
 
 class Timeline(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """[timeline] history and set-up of a session."""
 
-    window_s: Annotated[float, Meta(ge=0.5, le=30.0, description="s: a sample this much older than the newest is too late")] = 3.0
-    setup_s: Annotated[float, Meta(ge=1.0, le=60.0, description="s of boot time: sensors and model are chosen after it")] = 5.0
+    window_s: Annotated[
+        float, Meta(ge=0.5, le=30.0, description="s: a sample this much older than the newest is too late")
+    ] = 3.0
+    setup_s: Annotated[
+        float, Meta(ge=1.0, le=60.0, description="s of boot time: sensors and model are chosen after it")
+    ] = 5.0
 
 
 class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """[vehicle] what is known of this vehicle's sensors."""
 
-    gnss_delay_s: Annotated[
-        float | None, Meta(ge=0.0, le=1.0, description="s: the fix is older than its stamp (none: ArduPilot 0.085, else 0)")
-    ] = None
-    imu_delay_s: Annotated[
-        float | None, Meta(ge=0.0, le=1.0, description="s: low-pass of the IMU (none: ArduPilot 0.0125, else 0)")
-    ] = None
-    magnetometer_delay_s: Annotated[
-        float | None, Meta(ge=0.0, le=1.0, description="s: age of the field when sent (none: ArduPilot 0.055, else 0)")
-    ] = None
-    barometer_delay_s: Annotated[
-        float | None, Meta(ge=0.0, le=1.0, description="s: age of the pressure when sent (none: ArduPilot 0.045, else 0)")
-    ] = None
-    magnetic_declination_deg: Annotated[
-        float | None, Meta(ge=-180.0, le=180.0, description="deg, east positive (none: World Magnetic Model at the first fix)")
-    ] = None
+    gnss_delay_s: (
+        Annotated[
+            float,
+            Meta(ge=0.0, le=1.0, description="s: the fix is older than its stamp (automatic: ArduPilot 0.085, else 0)"),
+        ]
+        | None
+    ) = None
+    imu_delay_s: (
+        Annotated[float, Meta(ge=0.0, le=1.0, description="s: low-pass of the IMU (automatic: ArduPilot 0.0125, else 0)")]
+        | None
+    ) = None
+    magnetometer_delay_s: (
+        Annotated[
+            float, Meta(ge=0.0, le=1.0, description="s: age of the field when sent (automatic: ArduPilot 0.055, else 0)")
+        ]
+        | None
+    ) = None
+    barometer_delay_s: (
+        Annotated[
+            float, Meta(ge=0.0, le=1.0, description="s: age of the pressure when sent (automatic: ArduPilot 0.045, else 0)")
+        ]
+        | None
+    ) = None
+    magnetic_declination_deg: (
+        Annotated[
+            float,
+            Meta(ge=-180.0, le=180.0, description="deg, east positive (automatic: World Magnetic Model at the first fix)"),
+        ]
+        | None
+    ) = None
     use_magnetometer: Annotated[bool, Meta(description="whether the magnetometer is fused")] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
@@ -54,33 +69,51 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """[noise] standard deviations and spectral densities; the defaults are those of consumer MEMS sensors."""
 
     gyro: Annotated[float, Meta(gt=0.0, le=1.0, description="rad/s/sqrt(Hz): white noise of the gyro")] = 2e-4
-    accelerometer: Annotated[float, Meta(gt=0.0, le=10.0, description="m/s^2/sqrt(Hz): white noise of the accelerometer")] = 4e-3
-    gyro_bias_walk: Annotated[float, Meta(gt=0.0, le=1.0, description="rad/s/sqrt(s): random walk of the gyro bias")] = 5e-5
+    accelerometer: Annotated[
+        float, Meta(gt=0.0, le=10.0, description="m/s^2/sqrt(Hz): white noise of the accelerometer")
+    ] = 4e-3
+    gyro_bias_walk: Annotated[
+        float, Meta(gt=0.0, le=1.0, description="rad/s/sqrt(s): random walk of the gyro bias")
+    ] = 5e-5
     accelerometer_bias_walk: Annotated[
         float, Meta(gt=0.0, le=1.0, description="m/s^2/sqrt(s): random walk of the accelerometer bias")
     ] = 1e-3
-    gyro_bias_initial: Annotated[float, Meta(gt=0.0, le=1.0, description="rad/s: gyro bias before anything is known")] = 0.02
+    gyro_bias_initial: Annotated[
+        float, Meta(gt=0.0, le=1.0, description="rad/s: gyro bias before anything is known")
+    ] = 0.02
     accelerometer_bias_initial: Annotated[
         float, Meta(gt=0.0, le=5.0, description="m/s^2: accelerometer bias before anything is known")
     ] = 0.15
     sampling: Annotated[
-        float, Meta(ge=0.0, le=10.0, description="share of dt times the squared difference of samples that is noise density")
+        float,
+        Meta(ge=0.0, le=10.0, description="share of dt times the squared difference of samples that is noise density"),
     ] = 0.25
-    gnss_horizontal_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = 2.0
+    gnss_horizontal_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = (
+        2.0
+    )
     gnss_vertical_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = 3.0
-    gnss_position_floor_m: Annotated[float, Meta(gt=0.0, le=100.0, description="m: a claim below it is not believed")] = 0.3
+    gnss_position_floor_m: Annotated[
+        float, Meta(gt=0.0, le=100.0, description="m: a claim below it is not believed")
+    ] = 0.3
     gnss_speed_m_s: Annotated[float, Meta(gt=0.0, le=100.0, description="m/s: where the receiver claims nothing")] = 0.4
-    gnss_speed_floor_m_s: Annotated[float, Meta(gt=0.0, le=10.0, description="m/s: a claim below it is not believed")] = 0.2
+    gnss_speed_floor_m_s: Annotated[
+        float, Meta(gt=0.0, le=10.0, description="m/s: a claim below it is not believed")
+    ] = 0.2
     gnss_course_m_s: Annotated[
         float, Meta(ge=0.0, le=10.0, description="m/s: across the course, added where the speed is small")
     ] = 0.3
     barometer_m: Annotated[float, Meta(gt=0.0, le=100.0, description="m: white noise of the pressure height")] = 0.4
-    barometer_walk: Annotated[float, Meta(gt=0.0, le=10.0, description="m/sqrt(s): random walk of the barometer bias")] = 0.03
+    barometer_walk: Annotated[
+        float, Meta(gt=0.0, le=10.0, description="m/sqrt(s): random walk of the barometer bias")
+    ] = 0.03
     heading_rad: Annotated[float, Meta(gt=0.0, le=3.0, description="rad: heading from the magnetometer")] = 0.08
     acceleration_m_s2: Annotated[
-        float, Meta(gt=0.0, le=100.0, description="m/s^2: acceleration of a vehicle that is not measured (constant velocity)")
+        float,
+        Meta(gt=0.0, le=100.0, description="m/s^2: acceleration of a vehicle that is not measured (constant velocity)"),
     ] = 2.5
-    acceleration_time_s: Annotated[float, Meta(gt=0.0, le=60.0, description="s: how long that acceleration lasts")] = 1.0
+    acceleration_time_s: Annotated[float, Meta(gt=0.0, le=60.0, description="s: how long that acceleration lasts")] = (
+        1.0
+    )
 
 
 class Gates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -90,7 +123,12 @@ class Gates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         float, Meta(gt=0.0, lt=0.5, description="probability that a right measurement is refused")
     ] = 1e-4
     reset_s: Annotated[
-        float, Meta(ge=1.0, le=600.0, description="s of refusals that agree with each other, after which the state is reset to them")
+        float,
+        Meta(
+            ge=1.0,
+            le=600.0,
+            description="s of refusals that agree with each other, after which the state is reset to them",
+        ),
     ] = 10.0
     gap_s: Annotated[float, Meta(gt=0.0, le=10.0, description="s without an IMU sample that is a gap")] = 0.6
 
@@ -113,20 +151,24 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     model: Model = Model()
 
 
-def settings() -> Iterator[tuple[str, Any, str, Any]]:
-    """Every setting as (section.key, default, description, type), in order."""
+def settings() -> Iterator[tuple[str, Any, str]]:
+    """Every setting as (section.key, default, description with its range), in order."""
     for section in msgspec.structs.fields(Config):
         for field in msgspec.structs.fields(section.type):
-            info = msgspec.inspect.type_info(field.type)
-            description = (getattr(info, "extra_json_schema", None) or {}).get("description", "")
-            yield f"{section.name}.{field.name}", field.default, description, field.type
+            # Annotated[T, Meta] or Annotated[T, Meta] | None
+            candidates = (field.type, *get_args(field.type))
+            meta = next(candidate.__metadata__[0] for candidate in candidates if hasattr(candidate, "__metadata__"))
+            low = meta.ge if meta.ge is not None else meta.gt
+            high = meta.le if meta.le is not None else meta.lt
+            span = f" ({low:g} to {high:g})" if low is not None and high is not None else ""
+            yield f"{section.name}.{field.name}", field.default, meta.description + span
 
 
 def _checked(values: dict[str, Any], where: str) -> Config:
     try:
         return msgspec.convert(values, Config)
     except msgspec.ValidationError as error:
-        raise UsageError(f"{where}: {error}; `mavkf replay --help` tells how to list the settings") from None
+        raise UsageError(f"{where}: {error}; `mavkf replay --settings` lists what there is") from None
 
 
 def read_config(path: Path) -> Config:
@@ -143,7 +185,7 @@ def read_config(path: Path) -> Config:
 def with_settings(config: Config, assignments: Iterable[str]) -> Config:
     """The configuration with `section.key=value` (or `key=value`) settings applied. Raises UsageError."""
     values: dict[str, dict[str, Any]] = msgspec.to_builtins(config)
-    known = {name: default for name, default, _, _ in settings()}
+    known = [name for name, _, _ in settings()]
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         matches = [name for name in known if name == key or name.endswith("." + key)]

@@ -76,5 +76,7 @@ def write_csv(path: Path, sessions: Iterable[SessionResult]) -> int:
                 )
                 count += poses.shape[0]
     except OSError as error:
-        raise UsageError(f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists") from None
+        raise UsageError(
+            f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists"
+        ) from None
     return count

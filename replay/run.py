@@ -77,7 +77,9 @@ def imu_source(name: str | None) -> Source | None:
     for source in IMU_SOURCES:
         if source.name == name.upper():
             return source
-    raise UsageError(f"--imu {name}: no IMU message of this name; choose one of {', '.join(source.name for source in IMU_SOURCES)}")
+    raise UsageError(
+        f"--imu {name}: no IMU message of this name; choose one of {', '.join(source.name for source in IMU_SOURCES)}"
+    )
 
 
 def check(options: Options) -> Options:
@@ -142,7 +144,9 @@ def run(
         estimate = _as_live if options.as_live else _offline
         sessions += estimate(name, log.rows[address] if options.as_live else rows, rows, options, part, each)
     if options.session is not None and not sessions:
-        raise UsageError(f"--session {options.session}: no vehicle has a session of this number; `mavkf info {path}` lists them")
+        raise UsageError(
+            f"--session {options.session}: no vehicle has a session of this number; `mavkf info {path}` lists them"
+        )
     return Result(log, sessions, clocks, read - begin, time.perf_counter() - read)
 
 

@@ -56,7 +56,9 @@ def warnings(session: SessionResult) -> list[str]:
     elif setup.imu is None:
         said.append("no usable IMU message in the first seconds: attitude is unknown")
     elif not setup.strapdown:
-        said.append(f"the IMU at {setup.imu_rate_hz:.2g} Hz is slow: attitude is coarse, and follows gravity rather than the motion")
+        said.append(
+            f"the IMU at {setup.imu_rate_hz:.2g} Hz is slow: attitude is coarse, and follows gravity rather than the motion"
+        )
     if setup.imu is not None and poses.shape[0] and not np.any(np.isfinite(poses[:, L.R_EULER + 2])):
         why = "no magnetometer" if setup.magnetometer is None else "no heading from the magnetometer"
         said.append(f"{why}: yaw is unknown")

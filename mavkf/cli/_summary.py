@@ -15,7 +15,9 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
 
     damage = summary["damage"]
     harm = [f"{damage[key]} {name}" for key, name in _DAMAGE.items() if damage[key]]
-    line(f"{summary['log']}: {summary['size_bytes'] / 1e6:.2f} MB, {damage['frames']} frames, {', '.join(harm) or 'undamaged'}")
+    line(
+        f"{summary['log']}: {summary['size_bytes'] / 1e6:.2f} MB, {damage['frames']} frames, {', '.join(harm) or 'undamaged'}"
+    )
     for session in summary["sessions"]:
         line()
         _session(line, session)
@@ -37,7 +39,9 @@ _DAMAGE = {
 
 
 def _session(line: Any, session: dict[str, Any]) -> None:
-    line(f"vehicle {session['vehicle']}, session {session['session']}: {session['from_s']:.1f} s to {session['to_s']:.1f} s on the boot clock")
+    line(
+        f"vehicle {session['vehicle']}, session {session['session']}: {session['from_s']:.1f} s to {session['to_s']:.1f} s on the boot clock"
+    )
     for reason in session["setup"]:
         line(f"  {reason}")
     rates = session["rates_hz"]
@@ -49,7 +53,9 @@ def _session(line: Any, session: dict[str, Any]) -> None:
         + f"; late {counts['late']}, bad stamps {counts['bad_stamps']}, repeated values {counts['repeated']}, fixes without position {counts['without_fix']}"
     )
     if session["sensors"]:
-        line(f"  {'sensor':<16}{'used':>8}{'refused':>9}{'NIS':>8}   (mean for each degree of freedom; 1 where the noise is as assumed)")
+        line(
+            f"  {'sensor':<16}{'used':>8}{'refused':>9}{'NIS':>8}   (mean for each degree of freedom; 1 where the noise is as assumed)"
+        )
     for name, found in session["sensors"].items():
         nis = "" if found["nis"] is None else f"{found['nis']:8.3f}"
         line(f"  {name:<16}{found['count'] - found['refused']:>8}{found['refused']:>9}{nis:>8}")
@@ -59,9 +65,10 @@ def _session(line: Any, session: dict[str, Any]) -> None:
     end = session["end"]
     if end is not None:
         _end(line, end)
-    for event in session["events"][:MOST_EVENTS]:
+    told = [event for event in session["events"] if event["kind"] != "imu_gap"]  # those are counted above
+    for event in told[:MOST_EVENTS]:
         line(f"  {event['t_s']:10.2f} s  {event['text']}")
-    more = len(session["events"]) - MOST_EVENTS
+    more = len(told) - MOST_EVENTS
     if more > 0:
         line(f"  ... and {more} more events (all of them by --json)")
 

@@ -10,7 +10,8 @@ from typing import IO, Annotated, Any
 from cyclopts import Parameter
 
 from mavkf.cli._console import Connect, Listen, ZenohConfig, messages, output, say
-from mavkf.config import Config, read_config, settings, with_settings
+from mavkf.config import Config, read_config, with_settings
+from mavkf.config import settings as known_settings
 from mavkf.errors import UsageError
 from mavkf.estimate import Record
 from mavkf.publish.publisher import Publisher
@@ -110,7 +111,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
 
 
 def _list_settings() -> int:
-    for name, default, description, _ in settings():
+    for name, default, description in known_settings():
         value = "" if default is None else str(default).lower() if isinstance(default, bool) else f"{default:g}"
         print(f"{name} = {value or '(automatic)'}\n    {description}")
     return 0
@@ -143,7 +144,9 @@ def _pose_file(path: Path | None) -> Iterator[IO[bytes] | None]:
     try:
         file = path.open("wb")
     except OSError as error:
-        raise UsageError(f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists") from None
+        raise UsageError(
+            f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists"
+        ) from None
     with file:
         yield file
 

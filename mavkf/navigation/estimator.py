@@ -64,14 +64,18 @@ def to_events(rows: Array, setup: Setup, first_id: int) -> Array:
         events[events[:, KIND] == kind, TIME] -= delay
     events[:, L.EVENT_ID] = np.arange(first_id, first_id + rows.shape[0])
     for i in np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, FIX] >= 3)):
-        events[i, L.FIELD_N : L.FIELD_N + 3] = earth_field(events[i, LATITUDE], events[i, LONGITUDE], events[i, ARRIVAL])
+        events[i, L.FIELD_N : L.FIELD_N + 3] = earth_field(
+            events[i, LATITUDE], events[i, LONGITUDE], events[i, ARRIVAL]
+        )
     return events
 
 
 class SessionEstimator:
     """Live estimation of one session: bounded memory, the same outputs however the rows are cut into calls."""
 
-    def __init__(self, config: Config, rate_hz: float = 50.0, imu: Source | None = None, model: str | None = None) -> None:
+    def __init__(
+        self, config: Config, rate_hz: float = 50.0, imu: Source | None = None, model: str | None = None
+    ) -> None:
         """rate_hz: poses a second of boot time (0: every IMU sample); imu, model: forced choices, as of `choose`."""
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.setup: Setup | None = None

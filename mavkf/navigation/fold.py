@@ -120,7 +120,9 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
         constant_velocity.propagate(x, imu0, imu1, dt, average)
         constant_velocity.transition(x, average, dt, Phi)
         # white acceleration with the power of one that lasts its time constant: 2 sigma^2 tau
-        accel = 2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME] if s[L.POSITION_KNOWN] != 0.0 else 0.0
+        accel = (
+            2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME] if s[L.POSITION_KNOWN] != 0.0 else 0.0
+        )
     add_noise(P, c, gyro, accel, 0.5 * dt)
     propagate_covariance(P, Phi)
     add_noise(P, c, gyro, accel, 0.5 * dt)
@@ -170,7 +172,10 @@ def watch_samples(s, e, c, imu, dt):
 def choose_model(s, c, out):
     """Strapdown where it is wanted and can be: attitude and yaw known, position known, samples without a gap."""
     wanted = (
-        c[Parameter.WANT_STRAPDOWN] != 0.0 and s[L.ALIGNED] != 0.0 and s[L.YAW_KNOWN] != 0.0 and s[L.POSITION_KNOWN] != 0.0
+        c[Parameter.WANT_STRAPDOWN] != 0.0
+        and s[L.ALIGNED] != 0.0
+        and s[L.YAW_KNOWN] != 0.0
+        and s[L.POSITION_KNOWN] != 0.0
     )
     if wanted and s[L.STRAPDOWN] == 0.0:
         s[L.STRAPDOWN] = 1.0
@@ -193,7 +198,15 @@ def watch_position(s, out):
     lost = P[POS, POS] + P[POS + 1, POS + 1] > 2.0 * GIVE_UP_POSITION**2
     lost = lost or P[VEL, VEL] + P[VEL + 1, VEL + 1] > 2.0 * GIVE_UP_VELOCITY**2
     if lost or abs(s[LATITUDE]) > POLE or not math.isfinite(P[POS, POS] + s[LATITUDE]):
-        note(out, NoteCode.POSITION_GIVEN_UP, s[L.T_POSITION], s[L.T], math.sqrt(P[POS, POS] + P[POS + 1, POS + 1]), 0.0, 0.0)
+        note(
+            out,
+            NoteCode.POSITION_GIVEN_UP,
+            s[L.T_POSITION],
+            s[L.T],
+            math.sqrt(P[POS, POS] + P[POS + 1, POS + 1]),
+            0.0,
+            0.0,
+        )
         s[L.POSITION_KNOWN] = 0.0
         s[L.FIX_COUNT] = 0.0
         s[L.OUTAGE] = 0.0

@@ -17,7 +17,13 @@ Array = NDArray[np.float64]
 MODES = tuple(Mode)
 SENSOR_NAMES = tuple(sensor.name.lower() for sensor in Sensor)
 REASONS = {Reason.GATE: "outlier", Reason.DISTURBED: "disturbed", Reason.SINGULAR: "singular"}
-INSTANCES = {Source.SCALED_IMU2: 1, Source.SCALED_IMU3: 2, Source.GPS2_RAW: 1, Source.SCALED_PRESSURE2: 1, Source.SCALED_PRESSURE3: 2}
+INSTANCES = {
+    Source.SCALED_IMU2: 1,
+    Source.SCALED_IMU3: 2,
+    Source.GPS2_RAW: 1,
+    Source.SCALED_PRESSURE2: 1,
+    Source.SCALED_PRESSURE3: 2,
+}
 _KNOWN_IN_EULER = 3
 
 
@@ -143,14 +149,20 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
     match code:
         case NoteCode.ALIGNED:
             how = "standing still" if a else "moving"
-            return {"still": bool(a), "force_m_s2": b}, f"attitude found from gravity while {how}; tilt known to {math.degrees(size):.1f} deg"
+            return {
+                "still": bool(a),
+                "force_m_s2": b,
+            }, f"attitude found from gravity while {how}; tilt known to {math.degrees(size):.1f} deg"
         case NoteCode.YAW_ALIGNED:
             return (
                 {"declination_deg": math.degrees(a), "field_tesla": b},
                 f"heading found from the magnetometer, with a declination of {math.degrees(a):.1f} deg",
             )
         case NoteCode.POSITION_FOUND:
-            return {"fixes": int(a), "fix_type": int(b)}, f"position found: {int(a)} fixes in a row agree; known to {size:.1f} m"
+            return {
+                "fixes": int(a),
+                "fix_type": int(b),
+            }, f"position found: {int(a)} fixes in a row agree; known to {size:.1f} m"
         case NoteCode.POSITION_RESET:
             return (
                 {"refused_fixes": int(a), "down_m": b},
@@ -161,11 +173,15 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
         case NoteCode.GNSS_BACK:
             return {}, f"position fused again after {size:.1f} s"
         case NoteCode.POSITION_GIVEN_UP:
-            return {"sigma_m": size}, f"position given up {end - start:.0f} s after the last fix: it was known to {size:.0f} m only"
+            return {
+                "sigma_m": size
+            }, f"position given up {end - start:.0f} s after the last fix: it was known to {size:.0f} m only"
         case NoteCode.IMU_GAP:
             return {}, f"no IMU sample for {size:.2f} s"
         case NoteCode.MODEL_CHANGED:
-            return {"strapdown": bool(a)}, "strapdown navigation begins" if a else "strapdown navigation ends: constant velocity"
+            return {
+                "strapdown": bool(a)
+            }, "strapdown navigation begins" if a else "strapdown navigation ends: constant velocity"
         case NoteCode.ARMED:
             return {}, "the vehicle was armed"
         case NoteCode.DISARMED:

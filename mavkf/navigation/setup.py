@@ -82,12 +82,16 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
             continue
         force = float(np.median(np.linalg.norm(mine[:, ACCEL : ACCEL + 3], axis=1))) / STANDARD_GRAVITY
         if source is not forced and not PLAUSIBLE_FORCE[0] < force < PLAUSIBLE_FORCE[1]:
-            reasons.append(f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken")
+            reasons.append(
+                f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken"
+            )
             continue
         rates[source] = _rate(mine[:, TIME])
     if forced is not None:
         if forced not in rates:
-            raise UsageError(f"--imu {forced.name}: this vehicle sends {_names(rates) or 'no IMU message'}; choose one of those")
+            raise UsageError(
+                f"--imu {forced.name}: this vehicle sends {_names(rates) or 'no IMU message'}; choose one of those"
+            )
         reasons.append(f"IMU {forced.name} at {rates[forced]:.3g} Hz, as asked")
         return forced, rates[forced]
     if not rates:
@@ -96,7 +100,8 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
     best = max(rates, key=lambda source: rates[source] * IMU_QUALITY[source])
     others = _names(source for source in rates if source is not best)
     reasons.append(
-        f"IMU {best.name} at {rates[best]:.3g} Hz" + (f", best by rate, resolution and stamp of it and {others}" if others else "")
+        f"IMU {best.name} at {rates[best]:.3g} Hz"
+        + (f", best by rate, resolution and stamp of it and {others}" if others else "")
     )
     return best, rates[best]
 
@@ -140,7 +145,9 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
         strapdown = model == "strapdown" and source is not None
         reasons.append(f"model {model}, as asked")
     elif source is None:
-        reasons.append("model constant-velocity: without an IMU there is no attitude, and between fixes the velocity is assumed to last")
+        reasons.append(
+            "model constant-velocity: without an IMU there is no attitude, and between fixes the velocity is assumed to last"
+        )
     elif strapdown:
         reasons.append("model strapdown: the IMU is fast enough to be integrated")
     else:

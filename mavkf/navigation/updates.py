@@ -12,7 +12,23 @@ from mavkf.compiled import compiled
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotate_left, rotation_matrix, wrap_angle
-from mavkf.models.strapdown import BA, BARO, DBA, DBARO, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, N, Q, V, offset, retract
+from mavkf.models.strapdown import (
+    BA,
+    BARO,
+    DBA,
+    DBARO,
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    POS,
+    THETA,
+    VEL,
+    N,
+    Q,
+    V,
+    offset,
+    retract,
+)
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
 from mavkf.samples import (
@@ -40,7 +56,10 @@ LEVEL_QUIET = 0.3  # m/s^2: acceleration of a vehicle that seems to be still
 LEVEL_MOVING = 1.5  # m/s^2: and of one that is known to move
 HEADING_PERIOD = 0.1  # s between heading updates: the field's error is the same in samples closer together
 REFERENCE_HORIZONTAL = 2e-5  # T: the horizontal field at which the configured heading noise holds
-STRENGTH_MINIMUM, STRENGTH_MAXIMUM = 1.5e-5, 9e-5  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
+STRENGTH_MINIMUM, STRENGTH_MAXIMUM = (
+    1.5e-5,
+    9e-5,
+)  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
 YAW_START = 0.15  # rad: one sigma of the first heading from the magnetometer
 
 
