@@ -53,6 +53,7 @@ SYSTEM_TIME = int(Kind.SYSTEM_TIME)
     FALL_ROWS,  # rows since that fall, up to FALL_TOP
     FALL_BEFORE,  # rows from FALL_START to FALL_TOP before that fall
     WINDOW,
+    WRITTEN,  # rows in the output
     ROWS,  # from here on: as in ClockCounts
     REBOOTS,
     LATE,
@@ -62,7 +63,7 @@ SYSTEM_TIME = int(Kind.SYSTEM_TIME)
     LONGEST_GAP,
     TAKEN,  # boot stamps taken in the session,
     STAMPS,  # and from here on the last of them, in a ring
-) = range(22)
+) = range(23)
 
 
 @dataclass(frozen=True)
@@ -100,31 +101,33 @@ def boot_time(row: Any, newest: float) -> float:
 
 
 @compiled
-def emit(row: Any, time_us: float, state: Any, out: Any, n: int) -> int:
-    """Append a row to `out`, which has n rows."""
-    out[n] = row
+def emit(row: Any, time_us: float, state: Any, out: Any) -> None:
+    """Append a row to `out`."""
+    n = int(state[WRITTEN])
+    for j in range(ROW_WIDTH):  # compiles ten times faster than an assignment of arrays
+        out[n, j] = row[j]
     out[n, TIME] = time_us * 1e-6
     out[n, SESSION] = state[NUMBER]
     state[ROWS] += 1
-    return n + 1
+    state[WRITTEN] += 1
 
 
 @compiled
-def take_untimed(row: Any, state: Any, out: Any, n: int) -> int:
+def take_untimed(row: Any, state: Any, out: Any) -> None:
     """Take a row without a boot stamp: it has the time of the timed row before, or its UNIX time mapped."""
     time_us = state[BEFORE]
     if isnan(time_us):
         state[UNTIMED] += 1
-        return n
+        return
     if row[CLOCK] == UNIX and not isnan(state[OFFSET]):
         time_us = row[STAMP] - state[OFFSET]
         if time_us < state[NEWEST] - state[WINDOW]:
             state[LATE] += 1
-            return n
+            return
         if time_us > state[NEWEST] + state[WINDOW]:
             state[BAD_STAMPS] += 1
-            return n
-    return emit(row, time_us, state, out, n)
+            return
+    emit(row, time_us, state, out)
 
 
 @compiled
@@ -168,7 +171,7 @@ def is_small_reboot(boot_us: float, state: Any) -> bool:
 
 
 @compiled
-def take_timed(row: Any, boot_us: float, state: Any, out: Any, n: int) -> int:
+def take_timed(row: Any, boot_us: float, state: Any, out: Any) -> None:
     """Take a row whose boot time belongs to the session."""
     if not isnan(state[FALL_TOP]) and is_small_reboot(boot_us, state):
         state[NUMBER] += 1
@@ -187,13 +190,14 @@ def take_timed(row: Any, boot_us: float, state: Any, out: Any, n: int) -> int:
     state[TAKEN] += 1
     if row[KIND] == SYSTEM_TIME and not isnan(row[UNIX_US]):
         state[OFFSET] = row[UNIX_US] - boot_us
-    return emit(row, boot_us, state, out, n)
+    emit(row, boot_us, state, out)
 
 
 @compiled
-def release(confirmed: bool, state: Any, held: Any, out: Any, n: int) -> int:
+def release(state: Any, held: Any, out: Any) -> None:
     """Take the rows held back, or, if nothing confirmed their stamps, only those among them without a stamp."""
     rows = int(state[HELD])
+    confirmed = state[HELD_TIMED] == CONFIRMATIONS
     state[HELD] = state[HELD_TIMED] = 0
     if confirmed and held[0, TIME] < state[NEWEST]:
         state[NUMBER] += 1
@@ -202,50 +206,49 @@ def release(confirmed: bool, state: Any, held: Any, out: Any, n: int) -> int:
     for i in range(rows):
         boot_us = held[i, TIME]
         if isnan(boot_us):
-            n = take_untimed(held[i], state, out, n)
+            take_untimed(held[i], state, out)
         elif confirmed:
-            n = take_timed(held[i], boot_us, state, out, n)
+            take_timed(held[i], boot_us, state, out)
         else:
             state[LATE if boot_us < state[NEWEST] else BAD_STAMPS] += 1
-    return n
 
 
 @compiled
-def advance(rows: Any, state: Any, held: Any, out: Any) -> int:
-    """Judge rows one by one; write those that are decided to `out` (at least rows + held) and return how many."""
-    n = 0
+def advance(rows: Any, state: Any, held: Any, out: Any) -> None:
+    """Judge rows one by one; write those that are decided to `out` (at least rows + held)."""
+    state[WRITTEN] = 0
     for i in range(rows.shape[0]):
         row = rows[i]
         boot_us = boot_time(row, state[NEWEST])
         if isnan(boot_us):
             if state[HELD] == 0:
-                n = take_untimed(row, state, out, n)
+                take_untimed(row, state, out)
                 continue
             if state[HELD] >= HELD_ROWS - CONFIRMATIONS:
                 state[UNTIMED] += 1
                 continue
         elif isnan(state[NEWEST]):
             begin_session(boot_us, state)
-            n = take_timed(row, boot_us, state, out, n)
+            take_timed(row, boot_us, state, out)
             continue
         elif state[NEWEST] - state[WINDOW] <= boot_us <= state[NEWEST] + JUMP_US:
             if state[HELD] > 0:
-                n = release(False, state, held, out, n)
-            n = take_timed(row, boot_us, state, out, n)
+                release(state, held, out)
+            take_timed(row, boot_us, state, out)
             continue
         else:
             group = state[HELD_NEWEST]
             if state[HELD] > 0 and not (group - state[WINDOW] <= boot_us <= group + JUMP_US):
-                n = release(False, state, held, out, n)
+                release(state, held, out)
             state[HELD_NEWEST] = boot_us if state[HELD] == 0 else max(group, boot_us)
             state[HELD_TIMED] += 1
         k = int(state[HELD])
-        held[k] = row
+        for j in range(ROW_WIDTH):
+            held[k, j] = row[j]
         held[k, TIME] = boot_us
         state[HELD] += 1
         if state[HELD_TIMED] == CONFIRMATIONS:
-            n = release(True, state, held, out, n)
-    return n
+            release(state, held, out)
 
 
 class VehicleClock:
@@ -267,10 +270,12 @@ class VehicleClock:
     def push(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take rows (n, ROW_WIDTH) in order of arrival; return those decided by now, in order of arrival."""
         out = np.empty((len(rows) + int(self._state[HELD]), ROW_WIDTH))
-        n = advance(np.ascontiguousarray(rows), self._state, self._held, out)
-        return out[:n]
+        advance(np.ascontiguousarray(rows), self._state, self._held, out)
+        return out[: int(self._state[WRITTEN])]
 
     def flush(self) -> NDArray[np.float64]:
         """Decide about the rows held back, because nothing follows; return those of them that are taken."""
         out = np.empty((int(self._state[HELD]), ROW_WIDTH))
-        return out[: release(False, self._state, self._held, out, 0)]
+        self._state[WRITTEN] = 0
+        release(self._state, self._held, out)
+        return out[: int(self._state[WRITTEN])]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mavkf import samples as s
 from mavkf.link.layouts import HIGHEST_ID, message_dtype, message_ids
-from mavkf.samples import ROW_WIDTH, Source
+from mavkf.samples import ROW_WIDTH, Kind, Source
 
 MILLI_G = 9.80665e-3
 MILLI_RAD_S = 1e-3
@@ -29,6 +29,9 @@ VALUES = EXTRA + 8
 
 # Families of messages, each with its own rules.
 INTEGER_IMU, FLOAT_IMU, PRESSURE, GPS_RAW, HIL_GPS, GPS_INPUT, SYSTEM_TIME, HEARTBEAT = range(8)
+KIND_HEARTBEAT, KIND_SYSTEM_TIME, KIND_GNSS = int(Kind.HEARTBEAT), int(Kind.SYSTEM_TIME), int(Kind.GNSS)
+KIND_MAGNETOMETER, KIND_BAROMETER, KIND_IMU = int(Kind.MAGNETOMETER), int(Kind.BAROMETER), int(Kind.IMU)
+
 ROWS_OF_FAMILY = np.array([2, 3, 1, 1, 1, 1, 1, 1])
 """The most rows that one message of a family gives."""
 

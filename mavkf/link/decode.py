@@ -16,7 +16,7 @@ from mavkf import samples as s
 from mavkf.compiled import compiled
 from mavkf.link import conversions as c
 from mavkf.link.framing import readonly
-from mavkf.link.rules import FIRST_UNIX_US, GNSS, NOT_FINITE, OTHER_INSTANCES, message_rows
+from mavkf.link.rules import FIRST_UNIX_US, NOT_FINITE, OTHER_INSTANCES, WRITTEN, message_rows
 from mavkf.samples import ROW_WIDTH, Clock
 
 Address = tuple[int, int]
@@ -73,9 +73,9 @@ def stamp(values: Any) -> tuple[float, int]:
 @compiled
 def frame_rows(  # noqa: PLR0917
     data: Any, frames: Any, chosen: Any, sources: Any, families: Any, first: Any, readings: Any, counts: Any, out: Any
-) -> int:
-    """Write the rows of the chosen frames (indices) to `out`; return how many."""
-    n = 0
+) -> None:
+    """Write the rows of the chosen frames (indices) to `out`; counts[WRITTEN] is how many."""
+    counts[WRITTEN] = 0
     payload = np.zeros(MAX_PAYLOAD, np.uint8)
     floats = payload.view(np.float32)
     values = np.empty(c.VALUES)
@@ -87,21 +87,21 @@ def frame_rows(  # noqa: PLR0917
             payload[j] = data[frame.offset + j]
         for j in range(length, MAX_PAYLOAD):
             payload[j] = 0
-        values[:] = nan
+        for j in range(c.VALUES):
+            values[j] = nan
         read_values(payload, floats, readings, first[source], first[source + 1], values)
         time, clock = stamp(values)
-        begin = n
-        n = message_rows(values, families[source], counts, out, n)
-        for k in range(begin, n):
+        begin = counts[WRITTEN]
+        message_rows(values, families[source], counts, out)
+        for k in range(begin, counts[WRITTEN]):
             row = out[k]
             # A receiver without a fix has no time of measurement: ArduPilot repeats that of the last fix.
-            timeless = row[s.KIND] == GNSS and row[s.FIX] < 2
+            timeless = row[s.KIND] == c.KIND_GNSS and row[s.FIX] < 2
             row[s.STAMP] = nan if timeless else time
             row[s.CLOCK] = NO_CLOCK if timeless else clock
             row[s.ARRIVAL] = frame.stamp
             row[s.SOURCE] = source
             row[s.SEQUENCE] = frame.sequence
-    return n
 
 
 def decode(
@@ -118,15 +118,15 @@ def decode(
     senders = frames["system"][chosen].astype(np.uint16) << 8 | frames["component"][chosen]
     order = np.argsort(senders, kind="stable")
     senders, chosen = senders[order], chosen[order]
-    refused = np.zeros(2, np.int64)
+    refused = np.zeros(WRITTEN + 1, np.int64)
     result: dict[Address, NDArray[np.float64]] = {}
     bounds = [*np.flatnonzero(np.diff(senders, prepend=-1)).tolist(), len(chosen)]
     for start, stop in pairwise(bounds):
         mine = chosen[start:stop]
         out = np.empty((int(c.ROWS_OF_FAMILY[tables.families[sources[mine]]].sum()), ROW_WIDTH))
-        n = frame_rows(readonly(data), frames, mine, *tables, refused, out)
-        if n:
-            result[int(senders[start]) >> 8, int(senders[start]) & 0xFF] = out[:n]
+        frame_rows(readonly(data), frames, mine, *tables, refused, out)
+        if refused[WRITTEN]:
+            result[int(senders[start]) >> 8, int(senders[start]) & 0xFF] = out[: refused[WRITTEN]]
     if counts is not None:
         counts.not_finite += int(refused[NOT_FINITE])
         counts.other_instances += int(refused[OTHER_INSTANCES])

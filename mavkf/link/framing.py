@@ -155,12 +155,12 @@ def scan(  # noqa: PLR0917
     n = 0
     while n < frames.size and begin < data.size:
         at = begin + head
-        end = check(data, at, True, table)
+        end = check(data, at, at == begin + head, table)
         if end == 0 or (end < 0 and last):
             # Nothing here. A frame may begin in what should be the stamp, too: bytes may be missing.
             at = begin
             while at < data.size:
-                end = check(data, at, False, table) if at != begin + head else 0
+                end = 0 if at == begin + head else check(data, at, at == begin + head, table)
                 if end > 0 or (end < 0 and not last):
                     break
                 at += 1
@@ -169,7 +169,7 @@ def scan(  # noqa: PLR0917
             stop = data.size if at >= data.size and last else max(begin, min(record, data.size))
             classify(data, begin, stop, head, last, table, counts)
             return n, stop
-        classify(data, begin, record, head, False, table, counts)
+        classify(data, begin, record, head, last and record == data.size, table, counts)
         two = data[at] == 0xFD
         header = 10 if two else 6
         stamp = NO_STAMP

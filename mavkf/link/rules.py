@@ -1,50 +1,62 @@
 """From the values of one message to its rows: the rules that a table cannot say. Compiled, called by `decode`.
 
 `values` is what `mavkf.link.conversions` lays out; what is not finite has been read as NaN. Each function appends rows to
-`out`, which has n of them, and returns how many it has then; the head of the rows (but KIND) is left to the caller.
+`out` and counts them in `counts`; the head of the rows (but KIND) is left to the caller.
 """
 
 from math import cos, isnan, nan, sin, sqrt
 from typing import Any
 
+import numpy as np
+
 from mavkf import samples as s
 from mavkf.compiled import compiled
 from mavkf.link import conversions as c
-from mavkf.samples import ROW_WIDTH, Kind
+from mavkf.samples import ROW_WIDTH
 
 FIRST_UNIX_US = 1e15
 """Microseconds at and above this are UNIX time (September 2001), below it boot time (31 years)."""
 
-IMU, GNSS, SYSTEM_TIME, HEARTBEAT = int(Kind.IMU), int(Kind.GNSS), int(Kind.SYSTEM_TIME), int(Kind.HEARTBEAT)
-MAGNETOMETER, BAROMETER = int(Kind.MAGNETOMETER), int(Kind.BAROMETER)
-NOT_FINITE, OTHER_INSTANCES = range(2)
+NOT_FINITE, OTHER_INSTANCES, WRITTEN = range(3)
+
+SENSOR_VALUES = np.array([0, 0, 0, 0, 3, 1, 6])
+"""How many values of a row, by its kind, are what the sensor measured."""
+
+IGNORE_FLAGS = np.array(
+    [
+        # bit of ignore_flags, column, whether what is not above 0 is unknown
+        [1, s.HEIGHT_AMSL, 0],
+        [2, s.HDOP, 1],
+        [4, s.VDOP, 1],
+        [8, s.VELOCITY_N, 0],
+        [8, s.VELOCITY_E, 0],
+        [16, s.VELOCITY_D, 0],
+        [32, s.SIGMA_SPEED, 1],
+        [64, s.SIGMA_HORIZONTAL, 1],
+        [128, s.SIGMA_VERTICAL, 1],
+    ]
+)
+"""What the flags of GPS_INPUT tell to ignore."""
 
 
 @compiled
-def emit(values: Any, block: int, kind: int, out: Any, n: int) -> int:
-    """Append the row in a block of the values to `out`, which has n rows; the head follows later."""
+def emit(values: Any, block: int, kind: int, counts: Any, out: Any) -> None:
+    """Append the row in a block of the values."""
+    n = counts[WRITTEN]
     for j in range(s.TIME, ROW_WIDTH):
         out[n, j] = values[block + j]
     out[n, s.KIND] = kind
-    return n + 1
+    counts[WRITTEN] = n + 1
 
 
 @compiled
-def all_finite(values: Any, slot: int, size: int) -> bool:
-    """Whether values[slot : slot + size] are finite."""
-    total = 0.0
-    for j in range(slot, slot + size):
-        total += values[j]
-    return not isnan(total)  # what is infinite was read as NaN
-
-
-@compiled
-def emit_sensor(values: Any, block: int, kind: int, size: int, counts: Any, out: Any, n: int) -> int:  # noqa: PLR0917
-    """Append a row whose first `size` values are what the sensor measured, unless they are not finite."""
-    if all_finite(values, block + s.SESSION + 1, size):
-        return emit(values, block, kind, out, n)
-    counts[NOT_FINITE] += 1
-    return n
+def emit_sensor(values: Any, block: int, kind: int, counts: Any, out: Any) -> None:
+    """Append the row in a block of the values, unless what its sensor measured is not finite."""
+    for j in range(SENSOR_VALUES[kind]):
+        if isnan(values[block + s.SESSION + 1 + j]):
+            counts[NOT_FINITE] += 1
+            return
+    emit(values, block, kind, counts, out)
 
 
 @compiled
@@ -59,7 +71,7 @@ def field_of(values: Any) -> float:
 
 
 @compiled
-def float_imu(values: Any, counts: Any, out: Any, n: int) -> int:
+def float_imu(values: Any, counts: Any, out: Any) -> None:
     """HIGHRES_IMU, HIL_SENSOR: rows of what `fields_updated` names, or of all when it names nothing at all.
 
     ArduPilot sends the field in microgauss (4.7-dev, measured), others in milligauss: the earth's field is 0.2 to 0.7
@@ -75,36 +87,28 @@ def float_imu(values: Any, counts: Any, out: Any, n: int) -> int:
             for j in range(c.MAGNETOMETER + s.FIELD, c.MAGNETOMETER + s.FIELD + 3):
                 values[j] *= unit
         if strength != 0:
-            n = emit_sensor(values, c.MAGNETOMETER, MAGNETOMETER, 3, counts, out, n)
+            emit_sensor(values, c.MAGNETOMETER, c.KIND_MAGNETOMETER, counts, out)
     if updated & 0x200 and not values[c.BAROMETER + s.PRESSURE] <= 0:
         if not updated & 0x400:
             values[c.BAROMETER + s.DIFFERENTIAL_PRESSURE] = nan
-        n = emit_sensor(values, c.BAROMETER, BAROMETER, 1, counts, out, n)
+        emit_sensor(values, c.BAROMETER, c.KIND_BAROMETER, counts, out)
     if updated & 0x3F == 0x3F:
         values[c.MAIN + s.GYRO_RESOLUTION] = values[c.MAIN + s.ACCEL_RESOLUTION] = 0.0
-        n = emit_sensor(values, c.MAIN, IMU, 6, counts, out, n)
-    return n
+        emit_sensor(values, c.MAIN, c.KIND_IMU, counts, out)
 
 
 @compiled
-def integer_imu(values: Any, counts: Any, out: Any, n: int) -> int:
+def integer_imu(values: Any, counts: Any, out: Any) -> None:
     """RAW_IMU, SCALED_IMU, SCALED_IMU2, SCALED_IMU3."""
     if field_of(values) != 0:
-        n = emit_sensor(values, c.MAGNETOMETER, MAGNETOMETER, 3, counts, out, n)
+        emit_sensor(values, c.MAGNETOMETER, c.KIND_MAGNETOMETER, counts, out)
     values[c.MAIN + s.GYRO_RESOLUTION] = c.MILLI_RAD_S
     values[c.MAIN + s.ACCEL_RESOLUTION] = c.MILLI_G
-    return emit_sensor(values, c.MAIN, IMU, 6, counts, out, n)
+    emit_sensor(values, c.MAIN, c.KIND_IMU, counts, out)
 
 
 @compiled
-def ignore(values: Any, bit: int, column: int, positive: bool) -> None:
-    """Forget a value of GPS_INPUT that its flags tell to ignore, or that is not positive and should be."""
-    if int(values[c.IGNORED]) & bit or (positive and not values[c.MAIN + column] > 0):
-        values[c.MAIN + column] = nan
-
-
-@compiled
-def gnss(values: Any, family: int, counts: Any, out: Any, n: int) -> int:
+def gnss(values: Any, family: int, counts: Any, out: Any) -> None:
     """GPS_RAW_INT, GPS2_RAW, HIL_GPS, GPS_INPUT."""
     if 1 <= values[c.YAW] <= 36000:
         values[c.MAIN + s.GNSS_YAW] = values[c.YAW] % 36000 * c.CENTI_DEGREE
@@ -117,43 +121,35 @@ def gnss(values: Any, family: int, counts: Any, out: Any, n: int) -> int:
         values[c.MAIN + s.VELOCITY_N] = values[c.MAIN + s.VELOCITY_E] = values[c.MAIN + s.VELOCITY_D] = nan
     elif family == c.GPS_INPUT:
         flags = int(values[c.IGNORED])
-        if (
-            not (flags & 1 or all_finite(values, c.MAIN + s.HEIGHT_AMSL, 1))
-            or not (flags & 8 or all_finite(values, c.MAIN + s.VELOCITY_N, 2))
-            or not (flags & 16 or all_finite(values, c.MAIN + s.VELOCITY_D, 1))
-        ):
-            counts[NOT_FINITE] += 1
-            return n
-        ignore(values, 1, s.HEIGHT_AMSL, False)
-        ignore(values, 2, s.HDOP, True)
-        ignore(values, 4, s.VDOP, True)
-        ignore(values, 8, s.VELOCITY_N, False)
-        ignore(values, 8, s.VELOCITY_E, False)
-        ignore(values, 16, s.VELOCITY_D, False)
-        ignore(values, 32, s.SIGMA_SPEED, True)
-        ignore(values, 64, s.SIGMA_HORIZONTAL, True)
-        ignore(values, 128, s.SIGMA_VERTICAL, True)
-    return emit(values, c.MAIN, GNSS, out, n)
+        for k in range(IGNORE_FLAGS.shape[0]):
+            bit, slot, positive = IGNORE_FLAGS[k, 0], c.MAIN + IGNORE_FLAGS[k, 1], IGNORE_FLAGS[k, 2]
+            if flags & bit:
+                values[slot] = nan
+            elif positive:
+                values[slot] = values[slot] if values[slot] > 0 else nan
+            elif isnan(values[slot]):
+                counts[NOT_FINITE] += 1
+                return
+    emit(values, c.MAIN, c.KIND_GNSS, counts, out)
 
 
 @compiled
-def message_rows(values: Any, family: int, counts: Any, out: Any, n: int) -> int:
+def message_rows(values: Any, family: int, counts: Any, out: Any) -> None:
     """Append the rows of one message, in the order MAGNETOMETER, BAROMETER, IMU."""
     if values[c.INSTANCE] > 0:
         counts[OTHER_INSTANCES] += 1
-        return n
-    if family == c.INTEGER_IMU:
-        return integer_imu(values, counts, out, n)
-    if family == c.FLOAT_IMU:
-        return float_imu(values, counts, out, n)
-    if family == c.PRESSURE:
-        if values[c.BAROMETER + s.PRESSURE] <= 0:
-            return n
-        return emit_sensor(values, c.BAROMETER, BAROMETER, 1, counts, out, n)
-    if family == c.SYSTEM_TIME:
+    elif family == c.INTEGER_IMU:
+        integer_imu(values, counts, out)
+    elif family == c.FLOAT_IMU:
+        float_imu(values, counts, out)
+    elif family == c.PRESSURE:
+        if not values[c.BAROMETER + s.PRESSURE] <= 0:
+            emit_sensor(values, c.BAROMETER, c.KIND_BAROMETER, counts, out)
+    elif family == c.SYSTEM_TIME:
         if values[c.MAIN + s.UNIX_US] < FIRST_UNIX_US:
             values[c.MAIN + s.UNIX_US] = nan
-        return emit(values, c.MAIN, SYSTEM_TIME, out, n)
-    if family == c.HEARTBEAT:
-        return emit(values, c.MAIN, HEARTBEAT, out, n)
-    return gnss(values, family, counts, out, n)
+        emit(values, c.MAIN, c.KIND_SYSTEM_TIME, counts, out)
+    elif family == c.HEARTBEAT:
+        emit(values, c.MAIN, c.KIND_HEARTBEAT, counts, out)
+    else:
+        gnss(values, family, counts, out)
