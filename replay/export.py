@@ -1,12 +1,14 @@
 """Estimates as columns and as CSV: degrees and metres, blank where nothing is known."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.errors import UsageError
+from mavkf.estimate import Pose
 from mavkf.navigation import layout as L
 from mavkf.navigation.records import MODES
 from mavkf.replay.run import SessionResult
@@ -52,6 +54,41 @@ def columns(poses: Array) -> dict[str, Array]:
         *np.degrees(poses[:, L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3]).T,
     ]
     return dict(zip(FORMATS, values, strict=True))
+
+
+def pose_columns(poses: Sequence[Pose]) -> dict[str, Array]:
+    """Columns by the names of FORMATS, each (n,), of pose records; NaN where nothing is known."""
+    nothing = (math.nan,) * 3
+
+    def numbers(values: Sequence[float | None] | None) -> list[float]:
+        return [math.nan if value is None else value for value in (nothing if values is None else values)]
+
+    rows = []
+    for pose in poses:
+        covariance = numbers(pose.pose_covariance or (None,) * 36)
+        velocity = numbers(pose.velocity_covariance or (None,) * 9)
+        rotation = np.array([covariance[6 * i + j] for i in range(3, 6) for j in range(3, 6)]).reshape(3, 3)
+        angles = numbers(pose.euler_deg)
+        rows.append(
+            numbers((pose.t_boot_s, pose.lat_deg, pose.lon_deg, pose.alt_amsl_m, pose.alt_ellipsoid_m))
+            + numbers(pose.velocity_ned_m_s)
+            + angles
+            + [math.sqrt(covariance[k]) for k in (0, 7, 14)]
+            + [math.sqrt(velocity[k]) for k in (0, 4, 8)]
+            + _euler_sigmas(rotation, np.radians(angles))
+        )
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(FORMATS))
+    return dict(zip(FORMATS, table.T, strict=True))
+
+
+def _euler_sigmas(rotation: Array, angles: Array) -> list[float]:
+    """One sigma (deg) of roll, pitch, yaw from the covariance (3, 3; rad^2) of the rotation about n."""
+    yaw = angles[2] if math.isfinite(angles[2]) else 0.0
+    known = np.nan_to_num(rotation)
+    c, s, cp, tp = math.cos(yaw), math.sin(yaw), math.cos(angles[1]), math.tan(angles[1])
+    rows = np.array([[c / cp, s / cp, 0.0], [-s, c, 0.0], [c * tp, s * tp, 1.0]])
+    sigmas = np.degrees(np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", rows, known, rows), 0.0)))
+    return [sigma if math.isfinite(angle) else math.nan for sigma, angle in zip(sigmas, angles, strict=True)]
 
 
 def write_csv(path: Path, sessions: Iterable[SessionResult]) -> int:
