@@ -313,3 +313,10 @@ def test_any_message_as_an_array_with_its_zeros_back() -> None:
     assert attitude.dtype.names is not None
     assert (attitude["time_boot_ms"][0], attitude["q1"][0], attitude["rollspeed"][0]) == (5, 0.5, 0.0)
     assert gather(raw, frames[1:], "STATUSTEXT")["text"][0] == b"hello"
+
+
+def test_a_short_payload_after_a_long_one_ends_in_zeros() -> None:
+    long = frame("RAW_IMU", time_usec=BOOT, temperature=2550, **INTEGER)
+    short = frame("RAW_IMU", time_usec=BOOT, xacc=1000)
+    assert len(short) < len(long)
+    expect(rows_of(long + short)[-1], [0, 0, 0, G, 0, 0, nan, 1e-3, 1e-3 * G])
