@@ -40,7 +40,7 @@ class DecodeCounts:
 
 
 @compiled
-def read_values(payload: Any, floats: Any, readings: Any, first: int, last: int, values: Any) -> None:  # noqa: PLR0917
+def read_values(payload: Any, floats: Any, readings: Any, first: int, last: int, values: Any) -> None:
     """Fill values with the fields of a zero-extended payload (uint8; floats: the same memory as float32)."""
     for k in range(first, last):
         offset, kind = int(readings[k, c.OFFSET]), int(readings[k, c.TYPE])
@@ -71,7 +71,7 @@ def stamp(values: Any) -> tuple[float, int]:
 
 
 @compiled
-def frame_rows(  # noqa: PLR0917
+def frame_rows(
     data: Any, frames: Any, chosen: Any, sources: Any, families: Any, first: Any, readings: Any, counts: Any, out: Any
 ) -> None:
     """Write the rows of the chosen frames (indices) to `out`; counts[WRITTEN] is how many."""

@@ -119,7 +119,7 @@ def check(data: Any, at: int, first: bool, table: Any) -> int:
 
 
 @compiled
-def classify(data: Any, begin: int, stop: int, head: int, last: bool, table: Any, counts: Any) -> None:  # noqa: PLR0917
+def classify(data: Any, begin: int, stop: int, head: int, last: bool, table: Any, counts: Any) -> None:
     """Count what data[begin:stop] is, where no valid frame begins; `last`: the data end at `stop`, for good."""
     at = begin
     in_step = True
@@ -144,9 +144,7 @@ def classify(data: Any, begin: int, stop: int, head: int, last: bool, table: Any
 
 
 @compiled
-def scan(  # noqa: PLR0917
-    data: Any, begin: int, head: int, last: bool, table: Any, frames: Any, counts: Any
-) -> tuple[int, int]:
+def scan(data: Any, begin: int, head: int, last: bool, table: Any, frames: Any, counts: Any) -> tuple[int, int]:
     """Fill `frames` with the frames of data[begin:]; return how many, and the first byte not consumed.
 
     head: bytes of stamp before each frame (8 in a tlog, 0 in a stream). last: nothing will follow the data; otherwise
