@@ -4,17 +4,13 @@ import math
 import signal
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import Annotated, get_args
 
 from cyclopts import Parameter
 
 from mavkf.cli._console import Connect, Listen, ZenohConfig, say
 from mavkf.errors import UsageError
 
-if TYPE_CHECKING:
-    from mavkf.samples import Source
-
-MODELS = ("strapdown", "constant-velocity")
 Repeated = Parameter(show_default=False)
 
 
@@ -67,8 +63,6 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError(f"--wait-subscriber {wait_subscriber:g}: give seconds")
     if not 0.0 <= rate <= 10_000.0:
         raise UsageError(f"--rate {rate:g}: give poses a second, or 0 for one each IMU sample")
-    if model is not None and model not in MODELS:
-        raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
     check_choice("encoding", encoding, Encoding)
     names = _names(vehicle_name)
     settings = with_settings(read_config(config) if config else Config(), set)
@@ -82,12 +76,15 @@ def serve(  # noqa: D417 (the rest is described in _console)
     if links and speed != 1.0:
         raise UsageError("--speed is for logs: live telemetry has its own pace")
 
-    imu_message = _imu(imu)
     from mavkf.publish.session import open_session
+    from mavkf.replay.run import MODELS, imu_source
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs
     from mavkf.service.warmup import ensure_compiled
 
+    if model is not None and model not in MODELS:
+        raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
+    imu_message = imu_source(imu)
     ensure_compiled(say)
     options = Options(
         rate_hz=rate,
@@ -128,19 +125,6 @@ def serve(  # noqa: D417 (the rest is described in _console)
 
 def _whisper(text: str) -> None:
     """Say nothing."""
-
-
-def _imu(name: str | None) -> "Source | None":
-    from mavkf.samples import IMU_SOURCES
-
-    if name is None:
-        return None
-    for known in IMU_SOURCES:
-        if known.name == name.upper():
-            return known
-    raise UsageError(
-        f"--imu {name}: no IMU message of this name; choose one of {', '.join(s.name for s in IMU_SOURCES)}"
-    )
 
 
 def _names(assignments: tuple[str, ...]) -> dict[str, str]:
