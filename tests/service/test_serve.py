@@ -203,6 +203,36 @@ def test_ctrl_c_leaves_at_once_with_a_whole_recording(
     assert len(records(one_recording(tmp_path))) == len(flight)
 
 
+def test_ctrl_c_leaves_a_subscriber_that_does_not_read(
+    flight: Frames, serve: Start, rendezvous: str, tmp_path: Path
+) -> None:
+    log = tmp_path / "flight.tlog"
+    log.write_bytes(tlog(flight * 12))  # twelve boots: more poses than the kernel buffers
+    words = [sys.executable, "-c", SUBSCRIBER, rendezvous, "1000"]
+    subscriber = subprocess.Popen(words, stdout=subprocess.PIPE)  # nobody empties the pipe
+    try:
+        process = serve(log, "--speed", 0, "--wait-subscriber", 20)
+        process.line("navigation begins")
+        until_idle(process.process.pid)
+        begin = time.monotonic()
+        assert process.interrupt() == 130
+        assert time.monotonic() - begin < 1.2
+    finally:
+        subscriber.kill()
+        subscriber.communicate()
+    assert "does not read" in process.lines[-1]
+
+
+def until_idle(pid: int) -> None:
+    """Wait until a process has used no processor time for 0.4 s: zenoh gives no sign of a full queue."""
+    used, since = -1, time.monotonic()
+    while time.monotonic() - since < 0.4:
+        now = sum(map(int, Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13]))
+        if now != used:
+            used, since = now, time.monotonic()
+        time.sleep(0.05)
+
+
 def test_sigterm_is_a_clean_end(serve: Start) -> None:
     process = serve("udpin:127.0.0.1:0")
     process.line("listens on")
@@ -264,7 +294,7 @@ def test_a_killed_service_leaves_a_readable_recording(
         ("{beats} --speed 0", 1, ["no component sends IMU or GNSS"]),
     ],
 )
-def test_what_cannot_be_served_is_one_sentence(  # noqa: PLR0917
+def test_what_cannot_be_served_is_one_sentence(
     words: str, code: int, named: list[str], flight: Frames, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names = {"log": tmp_path / "log.tlog", "empty": tmp_path / "empty.tlog", "beats": tmp_path / "beats.tlog"}
