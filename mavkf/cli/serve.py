@@ -101,7 +101,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
         quiet=quiet,
     )
     with (
-        _Signals() as signals,
+        _Signals(may_block=wait_subscriber is not None) as signals,
         open_session(publishes=True, listen=listen, connect=connect, config_file=zenoh_config) as session,
     ):
         if links:
@@ -151,11 +151,12 @@ class _Signals:
     """Notes SIGINT and SIGTERM instead of dying of them in the middle of a record.
 
     A flag that is looked at, not an event that is waited for: a handler may run while this very thread holds the event's
-    lock. Where a reader that does not read holds this thread inside zenoh no handler runs at all; then a thread that
-    hears the signal by a socket ends the process.
+    lock. Where a reader that does not read holds this thread inside zenoh (`may_block`) no handler runs at all; then a
+    thread that hears the signal by a socket ends the process.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, may_block: bool) -> None:
+        self._may_block = may_block
         self.received: int | None = None
         self._ear, self._mouth = socket.socketpair()
         self._mouth.setblocking(False)
@@ -173,7 +174,7 @@ class _Signals:
         heard = self._ear.recv(1)
         if heard and heard[0] in self._before:
             self.received = heard[0]
-            if not self._left.wait(PATIENCE_S):
+            if self._may_block and not self._left.wait(PATIENCE_S):
                 say("a subscriber that does not read holds up the end; left without it")
                 os._exit(self.exit_code())
 

@@ -130,6 +130,7 @@ def test_tcp_cut_anywhere_gives_what_its_recording_gives(
     serve: Start, reader: Reader, flight: Frames, tmp_path: Path
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(20)
         process = serve(f"tcp:127.0.0.1:{server.getsockname()[1]}", "--record", tmp_path)
         data = b"".join(frame for _, frame in flight)
         half = len(data) // 2 + 5  # in the midst of a frame, where the first connection ends
@@ -149,6 +150,7 @@ def test_tcp_cut_anywhere_gives_what_its_recording_gives(
 def test_tcp_that_comes_later_is_waited_for(serve: Start, reader: Reader, flight: Frames) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
+        taken.settimeout(20)
         address = taken.getsockname()
         process = serve(f"tcp:127.0.0.1:{address[1]}")
         process.line("does not answer")
