@@ -45,6 +45,7 @@ def test_the_last_assignment_counts() -> None:
     ("assignment", "named"),
     [
         ("windows_s=1", "windows_s"),
+        ("indow_s=1", "indow_s"),
         ("noise.window_s=1", "noise.window_s"),
         ("timeline.nothing=1", "timeline.nothing"),
         ("window_s", "window_s"),

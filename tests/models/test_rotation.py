@@ -1,5 +1,6 @@
 """Quaternions against rotation matrices made another way (Rodrigues' formula, products of elementary rotations)."""
 
+from collections.abc import Callable
 from math import pi
 
 import numpy as np
@@ -108,13 +109,13 @@ def test_rotate_left_turns_in_n_and_rotate_right_in_b() -> None:
         np.testing.assert_allclose(matrix(right), matrix(q) @ rodrigues(v), rtol=0, atol=3e-15)
 
 
-def test_a_hundred_thousand_steps_leave_a_unit_quaternion() -> None:
+@pytest.mark.parametrize("rotate", [rotate_left, rotate_right])
+def test_a_hundred_thousand_steps_leave_a_unit_quaternion(rotate: Callable[..., None]) -> None:
     q = random_quaternions(1, 6)[0]
-    steps = 0.1 * np.random.default_rng(7).normal(size=(100_000, 3))
-    for x, y, z in steps.tolist():
-        rotate_right(q, x, y, z)
-        rotate_left(q, y, z, x)
-    assert abs(q @ q - 1.0) < 1e-14
+    q *= 1.0 + 1e-9
+    for x, y, z in (0.1 * np.random.default_rng(7).normal(size=(100_000, 3))).tolist():
+        rotate(q, x, y, z)
+    assert abs(q @ q - 1.0) < 1e-15
 
 
 def elementary(axis: int, angle: float) -> np.ndarray:
@@ -137,11 +138,13 @@ def test_euler_angles_are_yaw_then_pitch_then_roll_and_come_back() -> None:
 
 @pytest.mark.parametrize("pitch", [pi / 2, -pi / 2])
 def test_straight_up_and_down_have_euler_angles(pitch: float) -> None:
-    q, back = np.empty(4), np.empty(3)
-    quaternion_from_euler(0.3, pitch, 0.8, q)
-    euler_angles(q, back)
-    assert np.all(np.isfinite(back))
-    assert abs(back[1] - pitch) < 1e-7  # the sine is flat there
+    # the sine of the pitch comes out above one by rounding for some of these
+    for roll, yaw in np.random.default_rng(9).uniform(-pi, pi, (1000, 2)):
+        q, back = np.empty(4), np.empty(3)
+        quaternion_from_euler(roll, pitch, yaw, q)
+        euler_angles(q, back)
+        assert np.all(np.isfinite(back))
+        assert abs(back[1] - pitch) < 1e-7  # the sine is flat there
 
 
 def test_the_z_axis_of_a_level_body_points_down_and_its_x_axis_along_the_yaw() -> None:

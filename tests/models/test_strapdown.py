@@ -119,6 +119,23 @@ def test_order_of_convergence(latitude: float) -> None:
     assert errors[0][0] < 3e-3  # without the coning term another 0.9^2 * 6 * dt^2 / 12 * 4 s = 2.6e-3
 
 
+@pytest.mark.parametrize("latitude", [-60.0, 10.0])
+def test_the_frame_turns_with_the_earth_and_the_velocity(latitude: float) -> None:
+    duration = 100.0
+    x = start(latitude, velocity=(180.0, 150.0, 0.0))
+    C_nb = np.empty((3, 3))
+    rotation_matrix(x[Q : Q + 4], C_nb)
+    up = C_nb.T @ [0.0, 0.0, -9.81]
+    truth = Truth(x).run(lambda t: np.zeros(3), lambda t: up, duration, 1000)
+    integrate(x, lambda t: np.zeros(3), lambda t: up, duration, 0.05)
+    angle, velocity, position = truth.errors(x)
+    # transport rate 234 / 6.4e6 * 100 = 3.7e-3 rad, the earth's 7e-3 rad, of which a thousandth is 5e-6
+    assert angle < 5e-6
+    # Coriolis 2 * 7e-5 * 234 * 100 = 3.4 m/s; J2 gravity is wrong by 2e-5 m/s^2
+    assert velocity < 1e-2
+    assert position < 0.5
+
+
 def test_at_rest_on_the_turning_earth() -> None:
     for latitude in (-70.0, 0.0, 35.0):
         x = start(latitude, velocity=(0.0, 0.0, 0.0))
