@@ -13,11 +13,37 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import constant_velocity, strapdown
-from mavkf.models.strapdown import BG, DBA, DBARO, DBG, LATITUDE, POS, THETA, TOP, VEL, N, V
+from mavkf.models.earth import gravity
+from mavkf.models.rotation import rotation_matrix
+from mavkf.models.strapdown import (
+    BA,
+    BG,
+    DBA,
+    DBARO,
+    DBG,
+    DDELAY,
+    DFIELD,
+    DGNSS,
+    DIRON,
+    GNSS,
+    HEIGHT,
+    LATITUDE,
+    POS,
+    Q,
+    THETA,
+    TOP,
+    VEL,
+    N,
+    V,
+)
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.layout import NoteCode, Parameter
-from mavkf.navigation.updates import level, note, use_barometer, use_gnss, use_magnetometer
+from mavkf.navigation.fusing import note
+from mavkf.navigation.use_barometer import use_barometer
+from mavkf.navigation.use_gnss import use_gnss
+from mavkf.navigation.use_gravity import level, rest
+from mavkf.navigation.use_magnetometer import use_magnetometer
 from mavkf.samples import ACCEL_RESOLUTION, BASE_MODE, GYRO, GYRO_RESOLUTION, KIND, TIME, Kind
 
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
@@ -57,9 +83,17 @@ def begin(s, c):
         L.DECLINATION,
         L.STRENGTH,
         L.T_FIELD,
+        L.REST_SINCE,
+        L.FIELD_REFUSED_SINCE,
     ):
         s[i] = np.nan
     s[L.T_MAGNETOMETER] = -1.0
+    s[L.T_REST] = -1.0
+    s[L.ARMED] = -1.0
+    s[L.SCALE_VELOCITY] = 1.0
+    s[L.SCALE_IMU] = 1.0
+    for i in range(2):
+        s[L.SCALE_POSITION + i] = 1.0
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
     s[L.RATE : L.RATE + 3] = np.nan
     P = s[L.P : L.P + N * N].reshape((N, N))
@@ -69,7 +103,10 @@ def begin(s, c):
         P[POS + i, POS + i] = 1e6
         P[DBG + i, DBG + i] = c[Parameter.GYRO_BIAS] ** 2
         P[DBA + i, DBA + i] = c[Parameter.ACCEL_BIAS] ** 2
+        P[DIRON + i, DIRON + i] = c[Parameter.IRON] ** 2
+        P[DFIELD + i, DFIELD + i] = c[Parameter.EARTH_FIELD] ** 2
     P[DBARO, DBARO] = 1.0
+    P[DDELAY, DDELAY] = c[Parameter.DELAY] ** 2
 
 
 @compiled
@@ -81,6 +118,7 @@ def add_noise(P, c, gyro, accel, dt):
         P[DBG + i, DBG + i] += c[Parameter.GYRO_WALK] ** 2 * dt
         P[DBA + i, DBA + i] += c[Parameter.ACCEL_WALK] ** 2 * dt
     P[DBARO, DBARO] += c[Parameter.BARO_WALK] ** 2 * dt
+    P[DDELAY, DDELAY] += c[Parameter.DELAY_WALK] ** 2 * dt
 
 
 @compiled
@@ -107,6 +145,20 @@ def propagate_covariance(P, Phi):
 
 
 @compiled
+def decay_colour(s, c, dt):
+    """The coloured GNSS error falls off, and is renewed: e <- phi e, variance phi^2 P + (1 - phi^2) sigma^2 with phi = exp(-dt / tau)."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    phi = math.exp(-dt / c[Parameter.COLOUR_TIME])
+    for i in range(3):
+        s[GNSS + i] *= phi
+        for j in range(N):
+            P[DGNSS + i, j] *= phi
+        for j in range(N):
+            P[j, DGNSS + i] *= phi
+        P[DGNSS + i, DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
+
+
+@compiled
 def step(s, c, imu0, imu1, dt, gyro, accel):
     """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
     x = s[L.X : L.P]
@@ -126,6 +178,7 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
     add_noise(P, c, gyro, accel, 0.5 * dt)
     propagate_covariance(P, Phi)
     add_noise(P, c, gyro, accel, 0.5 * dt)
+    decay_colour(s, c, dt)
     s[L.T] += dt
 
 
@@ -151,7 +204,8 @@ def coast(s, c, t):
 def watch_samples(s, e, c, imu, dt):
     """Noise densities in use from how much successive samples differ: what happens between them is not seen.
 
-    A quarter of dt times the larger of now and the 20 s average of the squared differences, plus the rounding to whole counts.
+    A quarter of dt times the larger of now and the 20 s average of the squared differences, plus the rounding to whole counts. Returns
+    the squared differences of now, gyro and accelerometer, per axis.
     """
     gyro = 0.0
     accel = 0.0
@@ -161,11 +215,23 @@ def watch_samples(s, e, c, imu, dt):
     weight = 1.0 - math.exp(-dt / DIFFERENCE_TIME)
     s[L.DIFFERENCE_GYRO] += weight * (gyro - s[L.DIFFERENCE_GYRO])
     s[L.DIFFERENCE_ACCEL] += weight * (accel - s[L.DIFFERENCE_ACCEL])
-    share = c[Parameter.SAMPLING] * dt
-    gyro = max(gyro, s[L.DIFFERENCE_GYRO])
-    accel = max(accel, s[L.DIFFERENCE_ACCEL])
-    s[L.NOISE_GYRO] = c[Parameter.GYRO] ** 2 + share * gyro + dt * e[GYRO_RESOLUTION] ** 2 / 12.0
-    s[L.NOISE_ACCEL] = c[Parameter.ACCEL] ** 2 + share * accel + dt * e[ACCEL_RESOLUTION] ** 2 / 12.0
+    share = c[Parameter.SAMPLING] * dt * s[L.SCALE_IMU]
+    s[L.NOISE_GYRO] = c[Parameter.GYRO] ** 2 + share * max(gyro, s[L.DIFFERENCE_GYRO]) + dt * e[GYRO_RESOLUTION] ** 2 / 12.0
+    s[L.NOISE_ACCEL] = c[Parameter.ACCEL] ** 2 + share * max(accel, s[L.DIFFERENCE_ACCEL]) + dt * e[ACCEL_RESOLUTION] ** 2 / 12.0
+    return gyro, accel
+
+
+@compiled
+def untruncated(e, c, imu):
+    """Fill imu (6,) with the sample; values that were cut off toward zero to whole counts are half a count larger in the mean."""
+    for i in range(6):
+        value = e[GYRO + i]
+        count = c[Parameter.TRUNCATION] * (e[GYRO_RESOLUTION] if i < 3 else e[ACCEL_RESOLUTION])
+        if value > 0.0:
+            value += 0.5 * count
+        elif value < 0.0:
+            value -= 0.5 * count
+        imu[i] = value
 
 
 @compiled
@@ -236,8 +302,10 @@ def measure(s, e, c, out):
 def use_imu(s, e, c, out):
     """An IMU sample: go through the measurements that wait, each at its own time between the samples, then to the sample's time."""
     t = e[TIME]
-    imu = e[GYRO : GYRO + 6]
+    imu = np.empty(6)
+    untruncated(e, c, imu)
     first = not math.isfinite(s[L.T_IMU])
+    gyro, accel = np.inf, np.inf
     dt = t - s[L.T_IMU]
     if not first and not dt > 1e-6:
         s[L.DUPLICATES] += 1.0
@@ -249,7 +317,7 @@ def use_imu(s, e, c, out):
         note(out, NoteCode.IMU_GAP, s[L.T_IMU], t, dt, 0.0, 0.0)
     if not first and not gap:
         s[L.PERIOD] = dt if s[L.PERIOD] == 0.0 else s[L.PERIOD] + (dt - s[L.PERIOD]) * min(1.0, dt / 2.0 + 0.02)
-        watch_samples(s, e, c, imu, dt)
+        gyro, accel = watch_samples(s, e, c, imu, dt)
     if s[L.ALIGNED] == 0.0:
         flush(s, c, out)
         coast_or_start(s, c, t)
@@ -266,8 +334,25 @@ def use_imu(s, e, c, out):
         s[L.RATE + i] = imu[i] - s[BG + i]
     if s[L.ALIGNED] != 0.0 and s[L.STRAPDOWN] == 0.0:
         level(s, e, c, out)
+    if s[L.ALIGNED] != 0.0 and c[Parameter.REST] != 0.0:
+        rest(s, e, c, out, gyro, accel)
     watch_position(s, out)
     choose_model(s, c, out)
+
+
+@compiled
+def set_acceleration(s, imu):
+    """Keep the acceleration in n (m/s^2) that a sample (6,) at the state's time shows; it is what makes a delay visible."""
+    if s[L.STRAPDOWN] == 0.0:
+        for i in range(3):
+            s[L.ACCELERATION + i] = 0.0
+        return
+    C = np.empty((3, 3))
+    rotation_matrix(s[Q : Q + 4], C)
+    for i in range(3):
+        s[L.ACCELERATION + i] = gravity(s[LATITUDE], s[HEIGHT]) if i == 2 else 0.0
+        for j in range(3):
+            s[L.ACCELERATION + i] += C[i, j] * (imu[3 + j] - s[BA + j])
 
 
 @compiled
@@ -288,6 +373,7 @@ def interpolate(s, imu, t, c, out):
             step(s, c, start, end, dt, s[L.NOISE_GYRO], s[L.NOISE_ACCEL])
             s[L.T] = e[TIME]
             start[:] = end
+            set_acceleration(s, end)
         measure(s, e, c, out)
     s[L.PENDING_COUNT] = 0.0
     step(s, c, start, imu, t - s[L.T], s[L.NOISE_GYRO], s[L.NOISE_ACCEL])
@@ -327,7 +413,10 @@ def fold(s, e, c, out):
     elif kind == HEARTBEAT_KIND:
         armed = 1.0 if int(e[BASE_MODE]) & ARMED_BIT else 0.0
         if armed != s[L.ARMED]:
+            first = s[L.ARMED] < 0.0
             s[L.ARMED] = armed
+            if first and armed == 0.0:
+                return
             code = NoteCode.ARMED if armed != 0.0 else NoteCode.DISARMED
             note(out, code, e[TIME], e[TIME], 0.0, 0.0, 0.0)
     else:
