@@ -75,7 +75,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = 4e-3
     gyro_bias_walk: Annotated[
         float, Meta(gt=0.0, le=1.0, description="rad/s/sqrt(s): random walk of the gyro bias")
-    ] = 5e-5
+    ] = 2e-4
     accelerometer_bias_walk: Annotated[
         float, Meta(gt=0.0, le=1.0, description="m/s^2/sqrt(s): random walk of the accelerometer bias")
     ] = 1e-3

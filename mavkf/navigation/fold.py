@@ -49,6 +49,7 @@ from mavkf.samples import ACCEL_RESOLUTION, BASE_MODE, GYRO, GYRO_RESOLUTION, KI
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 OUTAGE_AFTER = 2.0  # s without a fused position
 GIVE_UP_POSITION, GIVE_UP_VELOCITY = 300.0, 30.0  # m, m/s: one sigma at which position is not known any more
+REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 POLE = math.radians(86.0)  # beyond it north is no direction to navigate by
 ARMED_BIT = 128  # MAV_MODE_FLAG_SAFETY_ARMED
@@ -159,12 +160,31 @@ def decay_colour(s, c, dt):
 
 
 @compiled
+def at_rest(x, imu):
+    """A sample (6,) with the gyro as it would be if the body stood still on the earth: the earth's rate and the bias."""
+    C = np.empty((3, 3))
+    frame = np.empty(6)
+    still = imu.copy()
+    rotation_matrix(x[Q : Q + 4], C)
+    strapdown.rates_of_frame(x, frame)
+    for i in range(3):
+        still[i] = x[BG + i]
+        for j in range(3):
+            still[i] += C[j, i] * frame[j]
+    return still
+
+
+@compiled
 def step(s, c, imu0, imu1, dt, gyro, accel):
     """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
     x = s[L.X : L.P]
     P = s[L.P : L.P + N * N].reshape((N, N))
     Phi = np.empty((9, TOP))
     average = np.empty(21)
+    if s[L.RESTING] != 0.0:
+        imu0 = at_rest(x, imu0)
+        imu1 = at_rest(x, imu1)
+        gyro = REST_DRIFT**2
     if s[L.STRAPDOWN] != 0.0:
         strapdown.propagate(x, imu0, imu1, dt, average)
         strapdown.transition(x, average, dt, Phi)
@@ -175,6 +195,11 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
         accel = (
             2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME] if s[L.POSITION_KNOWN] != 0.0 else 0.0
         )
+    if s[L.RESTING] != 0.0:
+        # the gyro was not asked, so its bias did no harm
+        for i in range(9):
+            for j in range(3):
+                Phi[i, DBG + j] = 0.0
     add_noise(P, c, gyro, accel, 0.5 * dt)
     propagate_covariance(P, Phi)
     add_noise(P, c, gyro, accel, 0.5 * dt)

@@ -8,10 +8,12 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
-from mavkf.models.strapdown import N, retract
+from mavkf.models.strapdown import DDELAY, N, retract
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter, Reason, Sensor
 from mavkf.samples import SOURCE
+
+SLOWEST_FOR_DELAY = 0.05  # s between IMU samples, above which the GNSS delay is not learnt
 
 
 @compiled
@@ -82,7 +84,9 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
     if reason != Reason.FUSED:
         return -1.0
     dx = np.empty(N)
-    correct(P, H, R, PHt, inverse, r, dx)
+    # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
+    considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_DELAY else -1
+    correct(P, H, R, PHt, inverse, r, dx, considered)
     retract(s[L.X : L.P], dx)
     return nis
 

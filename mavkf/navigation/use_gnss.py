@@ -29,7 +29,9 @@ FIXES_TO_START = 3
 FIX_3D = 3
 LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
 COLOUR_LEARNING = 0.04
+UNCOLOURED = 0.1  # correlation that a white noise assumed too large makes by itself
 LEAST_SCALE, MOST_SCALE = 0.02, 25.0  # of a learnt variance against what is claimed
+LEAST_IMU_SCALE = 0.3  # the floor of the GNSS velocity's noise makes innovations small that do not speak for the IMU
 MOST_COLOUR = 8.0  # times the floor of the coloured sigma
 
 
@@ -181,10 +183,10 @@ def use_gnss(s, e, c, out):
 
 
 @compiled
-def learn(scale, nis, m, share):
+def learn(scale, nis, m, share, least):
     """A variance scale after one NIS of m degrees: the gradient of its likelihood, weighted by the share R / S that is its doing."""
     surprise = min(nis / m, 10.0) - 1.0
-    return min(max(scale * math.exp(LEARNING * share * surprise), LEAST_SCALE), MOST_SCALE)
+    return min(max(scale * math.exp(LEARNING * share * surprise), least), MOST_SCALE)
 
 
 @compiled
@@ -196,7 +198,7 @@ def learn_colour(s, r, S, axis, first, count):
         s[L.LAST_INNOVATION + i] = r[i]
     rho = min(max(rho / count, -3.0), 3.0)
     floor = s[L.COLOUR_FLOOR + axis]
-    s[L.COLOUR + axis] = min(max(s[L.COLOUR + axis] * math.exp(COLOUR_LEARNING * rho), floor), MOST_COLOUR * floor)
+    s[L.COLOUR + axis] = min(max(s[L.COLOUR + axis] * math.exp(COLOUR_LEARNING * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor)
 
 
 @compiled
@@ -228,8 +230,8 @@ def fuse_fix(s, e, c, out):
         s[L.REFUSED_SINCE] = np.nan
         s[L.REFUSED_COUNT] = 0.0
         horizontal = 0.5 * (r[0] * r[0] / S[0] + r[1] * r[1] / S[1])
-        s[L.SCALE_POSITION] = learn(s[L.SCALE_POSITION], horizontal, 1, R[0, 0] / S[0])
-        s[L.SCALE_POSITION + 1] = learn(s[L.SCALE_POSITION + 1], r[2] * r[2] / S[2], 1, R[2, 2] / S[2])
+        s[L.SCALE_POSITION] = learn(s[L.SCALE_POSITION], horizontal, 1, R[0, 0] / S[0], LEAST_SCALE)
+        s[L.SCALE_POSITION + 1] = learn(s[L.SCALE_POSITION + 1], r[2] * r[2] / S[2], 1, R[2, 2] / S[2], LEAST_SCALE)
         learn_colour(s, r, S, 0, 0, 2)
         learn_colour(s, r, S, 1, 2, 1)
     else:
@@ -272,6 +274,6 @@ def fuse_velocity(s, e, c, out):
     nis = fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R[:m, :m].copy(), Reason.FUSED)
     if nis >= 0.0:
         s[L.T_VELOCITY] = s[L.T]
-        s[L.SCALE_VELOCITY] = learn(s[L.SCALE_VELOCITY], nis, m, share)
+        s[L.SCALE_VELOCITY] = learn(s[L.SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
         if s[L.STRAPDOWN] != 0.0:
-            s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share)
+            s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)

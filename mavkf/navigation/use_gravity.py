@@ -11,6 +11,7 @@ from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, N, Q, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse
 from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.samples import GYRO_RESOLUTION
 
 LEVEL_PERIOD = 0.1  # s between levelling updates
 LEVEL_QUIET = 0.3  # m/s^2: acceleration of a vehicle that seems to be still
@@ -20,7 +21,8 @@ REST_AFTER = 1.0  # s without a sign of motion
 # Signs of motion: a gust on the parked vehicle stays below, rotors do not. rad/s, (rad/s)^2 and (m/s^2)^2 of sample differences per axis.
 REST_RATE, REST_GYRO, REST_ACCEL = 0.03, 0.01**2, 0.15**2
 REST_VELOCITY = 0.02  # m/s
-REST_GYRO_NOISE = 2e-3  # rad/s: counts of 1 mrad/s, cut off, linger
+REST_GYRO_NOISE = 1e-3  # rad/s
+REST_COUNTS = 300.0  # updates in which the rounding to whole counts stays the same
 
 
 @compiled
@@ -62,7 +64,7 @@ def level(s, e, c, out):
 
 @compiled
 def rest(s, e, c, out, gyro, accel):
-    """At rest (disarmed, and no sign of motion for a while) the velocity is zero and the gyro shows its bias.
+    """At rest (disarmed, and no sign of motion for a while) the velocity is zero, the attitude stays and the gyro shows its bias.
 
     gyro, accel: mean squared differences of this sample and the one before, per axis. A hovering vehicle is armed, however smooth it is.
     """
@@ -72,8 +74,12 @@ def rest(s, e, c, out, gyro, accel):
     moving = s[L.ARMED] != 0.0 or not rate < REST_RATE**2 or not gyro < REST_GYRO or not accel < REST_ACCEL
     if moving or not math.isfinite(s[L.REST_SINCE]):
         s[L.REST_SINCE] = s[L.T] if not moving else np.nan
+        s[L.RESTING] = 0.0
         return
-    if s[L.T] - s[L.REST_SINCE] < REST_AFTER or s[L.T] < s[L.T_REST] + REST_PERIOD - 1e-6:
+    if s[L.T] - s[L.REST_SINCE] < REST_AFTER:
+        return
+    s[L.RESTING] = 1.0
+    if s[L.T] < s[L.T_REST] + REST_PERIOD - 1e-6:
         return
     s[L.T_REST] = s[L.T]
     x = s[L.X : L.P]
@@ -91,5 +97,5 @@ def rest(s, e, c, out, gyro, accel):
         for j in range(N):
             H[i, j] = 0.0
         H[i, DBG + i] = 1.0
-        R[i, i] = REST_GYRO_NOISE**2
+        R[i, i] = REST_GYRO_NOISE**2 + REST_COUNTS * e[GYRO_RESOLUTION] ** 2 / 12.0
     fuse(s, e, c, out, Sensor.REST_RATE, r, H, R, Reason.FUSED)
