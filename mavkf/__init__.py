@@ -11,7 +11,8 @@ Conventions, everywhere:
 - Position: WGS-84 latitude and longitude and a height, above mean sea level as the receiver reports it. Its error is in metres in n.
 - Attitude error on the left, in n: q_true = exp(dtheta_n) * q_nb. Heading variance is on the diagonal.
 - `x` state, `dx` error state, `P` covariance, `F` = df/dx, `Phi` transition, `Qc` spectral density, `Qd` discrete noise, `H` = dh/dx,
-  `z` measured, `z_hat` predicted, innovation `r = z - z_hat`, `S` its covariance, `K` gain, `nis = r' S^-1 r`, `sigma_*` one standard deviation.
+  `z` measured, `z_hat` predicted, innovation `r = z - z_hat`, `S` its covariance, `K` gain, `nis = r' S^-1 r`, `sigma_*` one standard
+  deviation.
 - Times: `t` seconds on the vehicle's boot clock; anything else is spelled out (`t_arrival`, `utc_ns`).
 - Not known is None in records, NaN in arrays, a blank cell in CSV: never zero, never a guess.
 """

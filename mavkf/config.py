@@ -39,25 +39,31 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         | None
     ) = None
     imu_delay_s: (
-        Annotated[float, Meta(ge=0.0, le=1.0, description="s: low-pass of the IMU (automatic: ArduPilot 0.0125, else 0)")]
+        Annotated[
+            float, Meta(ge=0.0, le=1.0, description="s: low-pass of the IMU (automatic: ArduPilot 0.0125, else 0)")
+        ]
         | None
     ) = None
     magnetometer_delay_s: (
         Annotated[
-            float, Meta(ge=0.0, le=1.0, description="s: age of the field when sent (automatic: ArduPilot 0.055, else 0)")
+            float,
+            Meta(ge=0.0, le=1.0, description="s: age of the field when sent (automatic: ArduPilot 0.055, else 0)"),
         ]
         | None
     ) = None
     barometer_delay_s: (
         Annotated[
-            float, Meta(ge=0.0, le=1.0, description="s: age of the pressure when sent (automatic: ArduPilot 0.045, else 0)")
+            float,
+            Meta(ge=0.0, le=1.0, description="s: age of the pressure when sent (automatic: ArduPilot 0.045, else 0)"),
         ]
         | None
     ) = None
     magnetic_declination_deg: (
         Annotated[
             float,
-            Meta(ge=-180.0, le=180.0, description="deg, east positive (automatic: World Magnetic Model at the first fix)"),
+            Meta(
+                ge=-180.0, le=180.0, description="deg, east positive (automatic: World Magnetic Model at the first fix)"
+            ),
         ]
         | None
     ) = None

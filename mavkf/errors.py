@@ -1,10 +1,10 @@
 """The exceptions that mavkf raises for a user's eyes.
 
-    MavkfError                 everything below; its text is one sentence that says the remedy
-      UsageError               an option, key or value is wrong (command line: exit 2)
-      InputError               a file or a stream cannot be used (command line: exit 1)
-        LogError               ... because of what the log file is or holds
-        EndpointError          ... because a port, host or device cannot be opened
+MavkfError                 everything below; its text is one sentence that says the remedy
+  UsageError               an option, key or value is wrong (command line: exit 2)
+  InputError               a file or a stream cannot be used (command line: exit 1)
+    LogError               ... because of what the log file is or holds
+    EndpointError          ... because a port, host or device cannot be opened
 """
 
 

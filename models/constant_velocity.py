@@ -9,7 +9,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models.rotation import rotation_matrix
-from mavkf.models.strapdown import DBG, POS, Q, THETA, V, VEL, move, propagate_attitude, rates_of_frame
+from mavkf.models.strapdown import DBG, POS, THETA, VEL, Q, V, move, propagate_attitude, rates_of_frame
 
 
 @compiled

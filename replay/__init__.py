@@ -1,8 +1,8 @@
 """Offline work on flight logs. The package itself can be called: `mavkf.replay(path, **options)`.
 
-    flights = mavkf.replay("flight.tlog", as_live=True)
-    first = flights["1-1"][0]           # vehicle, session
-    first["lat_deg"], first["sigma_n_m"]  # arrays, one value a row; NaN where nothing is known
+flights = mavkf.replay("flight.tlog", as_live=True)
+first = flights["1-1"][0]           # vehicle, session
+first["lat_deg"], first["sigma_n_m"]  # arrays, one value a row; NaN where nothing is known
 """
 
 import sys

@@ -29,7 +29,8 @@ class Options:
     """How to replay.
 
     as_live: in the order of arrival, each pose as it would have been published; else in the order of measurement.
-    rate_hz: rows a second of boot time, 0 for every step. span: boot times (s) to use. vehicle: `<sysid>-<compid>`, session: its number; None: all.
+    rate_hz: rows a second of boot time, 0 for every step. span: boot times (s) to use.
+    vehicle: `<sysid>-<compid>`, session: its number; None: all.
     imu: the IMU message to use; model: one of MODELS; None: chosen from the session's first seconds.
     """
 

@@ -88,8 +88,6 @@ def read_truth(path: Path) -> Truth:
         )
     wanted = [(name, names.index(name)) for name in COLUMNS if name in names]
     rows = [(number, line.split(",")) for number, line in enumerate(lines[1:], 2) if line.strip()]
-    if not rows:
-        raise LogError(f"{path} has no rows below its header; give a file that holds a motion.")
     try:
         columns = {
             name: np.array([float(cell) if (cell := cells[i].strip()) else math.nan for number, cells in rows])
@@ -101,6 +99,8 @@ def read_truth(path: Path) -> Truth:
         ) from None
     order = np.argsort(columns["time_boot_s"], kind="stable")
     order = order[np.isfinite(columns["time_boot_s"][order])]
+    if len(order) == 0:
+        raise LogError(f"{path} has no rows with a time below its header; give a file that holds a motion.")
     unknown = np.full(len(order), np.nan)
     found = {name: columns[name][order] if name in columns else unknown for name in COLUMNS}
     return Truth(
@@ -197,7 +197,7 @@ def _statistics(t: Floats, value: Floats, ratio: Floats, begin: float, end: floa
         rms=_rms(size),
         p95=float(np.percentile(size, 95)),
         max=float(size.max()),
-        coverage=np.count_nonzero(given < seconds) / seconds if seconds else math.nan,
+        coverage=int(np.count_nonzero(given < seconds)) / seconds if seconds else math.nan,
         error_over_sigma=_rms(ratio),
         inside_95=float(np.mean(ratio < NORMAL_95)) if ratio.size else math.nan,
     )

@@ -31,6 +31,7 @@ MAY: dict[str, set[str]] = {
     "service": JOINERS | {"replay"},
     "replay": JOINERS | {"service"},
     "cli": PARTS,
+    "__main__": {"cli"},
 }
 OUTSIDE = {"models": {"numpy"}, "filters": {"numpy"}, "estimate": {"msgspec"}, "errors": set()}
 """The third parties of parts that must stay light; the standard library is everybody's."""

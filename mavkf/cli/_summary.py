@@ -40,7 +40,8 @@ _DAMAGE = {
 
 def _session(line: Any, session: dict[str, Any]) -> None:
     line(
-        f"vehicle {session['vehicle']}, session {session['session']}: {session['from_s']:.1f} s to {session['to_s']:.1f} s on the boot clock"
+        f"vehicle {session['vehicle']}, session {session['session']}: "
+        f"{session['from_s']:.1f} s to {session['to_s']:.1f} s on the boot clock"
     )
     for reason in session["setup"]:
         line(f"  {reason}")
@@ -50,7 +51,8 @@ def _session(line: Any, session: dict[str, Any]) -> None:
     line(
         f"  gaps: {gaps['imu']} of the IMU, {gaps['clock']} of the clock"
         + (f" (longest {gaps['longest_s']:.1f} s)" if gaps["clock"] else "")
-        + f"; late {counts['late']}, bad stamps {counts['bad_stamps']}, repeated values {counts['repeated']}, fixes without position {counts['without_fix']}"
+        + f"; late {counts['late']}, bad stamps {counts['bad_stamps']}, "
+        f"repeated values {counts['repeated']}, fixes without position {counts['without_fix']}"
     )
     if session["sensors"]:
         line(

@@ -1,20 +1,20 @@
 """`mavkf serve`: live telemetry or logs in, fused poses over zenoh out."""
 
 import math
+import os
 import signal
+import socket
+import threading
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import Annotated, get_args
 
 from cyclopts import Parameter
 
 from mavkf.cli._console import Connect, Listen, ZenohConfig, say
 from mavkf.errors import UsageError
 
-if TYPE_CHECKING:
-    from mavkf.samples import Source
-
-MODELS = ("strapdown", "constant-velocity")
+PATIENCE_S = 0.8  # after a signal, before the process is ended by force
 Repeated = Parameter(show_default=False)
 
 
@@ -67,8 +67,6 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError(f"--wait-subscriber {wait_subscriber:g}: give seconds")
     if not 0.0 <= rate <= 10_000.0:
         raise UsageError(f"--rate {rate:g}: give poses a second, or 0 for one each IMU sample")
-    if model is not None and model not in MODELS:
-        raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
     check_choice("encoding", encoding, Encoding)
     names = _names(vehicle_name)
     settings = with_settings(read_config(config) if config else Config(), set)
@@ -82,12 +80,15 @@ def serve(  # noqa: D417 (the rest is described in _console)
     if links and speed != 1.0:
         raise UsageError("--speed is for logs: live telemetry has its own pace")
 
-    imu_message = _imu(imu)
     from mavkf.publish.session import open_session
+    from mavkf.replay.run import MODELS, imu_source
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs
     from mavkf.service.warmup import ensure_compiled
 
+    if model is not None and model not in MODELS:
+        raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
+    imu_message = imu_source(imu)
     ensure_compiled(say)
     options = Options(
         rate_hz=rate,
@@ -100,7 +101,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
         quiet=quiet,
     )
     with (
-        _Signals() as signals,
+        _Signals(may_block=wait_subscriber is not None) as signals,
         open_session(publishes=True, listen=listen, connect=connect, config_file=zenoh_config) as session,
     ):
         if links:
@@ -117,7 +118,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
                 wait_subscriber_s=wait_subscriber,
             )
     if signals.received is not None:
-        return 130 if signals.received == signal.SIGINT else 0
+        return signals.exit_code()
     if poses == 0:
         say("nothing could be estimated: neither a 3D fix nor a usable IMU was among the messages")
         return 1
@@ -128,19 +129,6 @@ def serve(  # noqa: D417 (the rest is described in _console)
 
 def _whisper(text: str) -> None:
     """Say nothing."""
-
-
-def _imu(name: str | None) -> "Source | None":
-    from mavkf.samples import IMU_SOURCES
-
-    if name is None:
-        return None
-    for known in IMU_SOURCES:
-        if known.name == name.upper():
-            return known
-    raise UsageError(
-        f"--imu {name}: no IMU message of this name; choose one of {', '.join(s.name for s in IMU_SOURCES)}"
-    )
 
 
 def _names(assignments: tuple[str, ...]) -> dict[str, str]:
@@ -163,22 +151,46 @@ class _Signals:
     """Notes SIGINT and SIGTERM instead of dying of them in the middle of a record.
 
     A flag that is looked at, not an event that is waited for: a handler may run while this very thread holds the event's
-    lock.
+    lock. Where a reader that does not read holds this thread inside zenoh (`may_block`) no handler runs at all; then a
+    thread that hears the signal by a socket ends the process.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, may_block: bool) -> None:
+        self._may_block = may_block
         self.received: int | None = None
+        self._ear, self._mouth = socket.socketpair()
+        self._mouth.setblocking(False)
 
     def stopped(self) -> bool:
         return self.received is not None
 
+    def exit_code(self) -> int:
+        return 130 if self.received == signal.SIGINT else 0
+
     def _note(self, number: int, _: FrameType | None) -> None:
         self.received = number
 
+    def _watch(self) -> None:
+        heard = self._ear.recv(1)
+        if heard and heard[0] in self._before:
+            self.received = heard[0]
+            if self._may_block and not self._left.wait(PATIENCE_S):
+                say("a subscriber that does not read holds up the end; left without it")
+                os._exit(self.exit_code())
+
     def __enter__(self) -> "_Signals":
         self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+        signal.set_wakeup_fd(self._mouth.fileno(), warn_on_full_buffer=False)
+        self._left = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        signal.set_wakeup_fd(-1)
         for number, handler in self._before.items():
             signal.signal(number, handler)
+        self._left.set()
+        self._mouth.close()  # the watcher hears the end
+        self._watcher.join()
+        self._ear.close()

@@ -36,8 +36,10 @@ def simulate(
 
     if not noise >= 0.0:
         raise UsageError(f"--noise is {noise:g}, but must be 0 or more")
-    if truth is not None and truth.resolve() == out.resolve():
-        raise UsageError(f"--truth is the log itself, {out}; name another file")
+    if truth is not None and (
+        truth.is_dir() or not truth.absolute().parent.is_dir() or truth.resolve() == out.resolve()
+    ):
+        raise UsageError(f"--truth is {truth}, but must be another file than the log, in an existing folder")
     with Progress(console=messages(), transient=True) as bar:
         task = bar.add_task("flying", total=1.0)
         motion = fly(

@@ -48,7 +48,8 @@ def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
     ):
         if chosen is not None:
             use |= (kind == wanted) & (source == chosen)
-    return use & np.isfinite(rows[:, TIME])
+    chosen_rows: NDArray[np.bool_] = use & np.isfinite(rows[:, TIME])
+    return chosen_rows
 
 
 def to_events(rows: Array, setup: Setup, first_id: int) -> Array:

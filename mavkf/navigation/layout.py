@@ -6,7 +6,7 @@ covariance, then bookkeeping by name. Flags and counts are whole numbers in floa
 
 from enum import IntEnum
 
-from mavkf.models.strapdown import N, X_SIZE
+from mavkf.models.strapdown import X_SIZE, N
 from mavkf.samples import ROW_WIDTH
 
 # An event is a sample row whose TIME is the time it was measured (stamp less delay, s), and:

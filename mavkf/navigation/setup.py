@@ -43,8 +43,8 @@ BAROMETER_ORDER = (
     Source.SCALED_PRESSURE2,
     Source.SCALED_PRESSURE3,
 )
-# Delays of ArduPilot, s. GNSS: a fix is stamped at reception (AP_GPS), measured on its simulator and near u-blox's; IMU: two-pole low-pass at
-# 20 Hz (INS_ACCEL_FILTER, INS_GYRO_FILTER); magnetometer and barometer: sampled slower than sent, and held.
+# Delays of ArduPilot, s. GNSS: a fix is stamped at reception (AP_GPS), measured on its simulator and near u-blox's; IMU: two-pole
+# low-pass at 20 Hz (INS_ACCEL_FILTER, INS_GYRO_FILTER); magnetometer and barometer: sampled slower than sent, and held.
 ARDUPILOT_DELAYS = {"gnss": 0.085, "imu": 0.0125, "magnetometer": 0.055, "barometer": 0.045}
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
@@ -133,7 +133,8 @@ def _latest(rows: NDArray[np.float64], column: int) -> int | None:
 def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None, model: str | None = None) -> Setup:
     """Choose from a session's first rows (n, ROW_WIDTH), in order of arrival.
 
-    imu: a message to use whatever its merits; model: "strapdown" or "constant-velocity" to force it. Raises UsageError where the forced IMU is not there.
+    imu: a message to use whatever its merits; model: "strapdown" or "constant-velocity" to force it.
+    Raises UsageError where the forced IMU is not there.
     """
     reasons: list[str] = []
     source, rate = _choose_imu(rows, imu, reasons)
@@ -152,7 +153,8 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
         reasons.append("model strapdown: the IMU is fast enough to be integrated")
     else:
         reasons.append(
-            f"model constant-velocity: an IMU at {rate:.2g} Hz is too slow to be integrated ({config.model.strapdown_hz:g} Hz is the least), "
+            f"model constant-velocity: an IMU at {rate:.2g} Hz is too slow to be integrated "
+            f"({config.model.strapdown_hz:g} Hz is the least), "
             "so it gives attitude only, and velocity and position come from GNSS and barometer"
         )
     magnetometers = ([source] if source is not None else []) + list(IMU_SOURCES)

@@ -22,7 +22,7 @@ Take = Callable[[bytes, bool], None]
 """Takes a chunk, and whether it ends what may continue over chunks (a datagram; the end of a connection)."""
 Say = Callable[[str], None]
 
-POLL_S = 0.2  # how long a receiver may take to notice that it is closed
+POLL_S = 0.1  # how long a receiver may take to notice that it is closed
 DATAGRAM = 65_535
 CHUNK = 16_384
 RECEIVE_BUFFER = 4 << 20  # bytes the kernel keeps for us while another program has the processor

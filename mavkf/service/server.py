@@ -72,8 +72,9 @@ def serve_links(
             link.close()
         for thread in threads:
             thread.join(2 * POLL_S)
-        for number in range(len(links)):
-            inbox.put(number, b"", True)  # nothing continues what is unfinished
+        for number, stream in enumerate(worker.streams):
+            if stream.counts.frames:
+                inbox.put(number, b"", True)  # nothing continues what is unfinished
         deadline = time.monotonic() + LAST_CHUNKS_S
         while (batch := inbox.get(0.0)) and time.monotonic() < deadline:
             worker.take(batch)

@@ -47,7 +47,7 @@ class VehicleStream:
         model: str | None = None,
         span: tuple[float, float] = (-math.inf, math.inf),
     ) -> None:
-        """vehicle: its name in keys; rate_hz, imu, model: as of `SessionEstimator`; span: boot times (s) to use, all others are left out."""
+        """vehicle: its name in keys; rate_hz, imu, model: as of `SessionEstimator`; span: boot times (s) to use."""
         self.span = span
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.clock = VehicleClock(config.timeline.window_s)

@@ -28,8 +28,8 @@ TRUTH_RATE = 100.0  # Hz
 LINK_UP = 1.0  # s since boot: the first message
 FIRST_FIX = 6.0  # s since boot
 POSITION_KNOWN = 9.0  # s since boot: from when the autopilot's own estimate holds a position
-IMU_AGE = 7.5e-4, 1.75e-3  # s: of the newest filtered sample when it is sent
-JITTER = 1.5e-3  # s: messages wait for their turn in the main loop
+IMU_AGE = 1.0e-3, 1.5e-3  # s: of the newest filtered sample when it is sent
+JITTER, IMU_JITTER = 1.5e-3, 3e-4  # s: messages wait for their turn in the main loop
 ESTIMATE_AGE = 0.02  # s: lag of the autopilot's own estimate
 ESTIMATE_TILT, ESTIMATE_YAW, ESTIMATE_SPEED, ESTIMATE_TIME = math.radians(0.15), math.radians(0.6), 0.05, 20.0
 IMU_BLOCK = 20_000  # samples
@@ -77,22 +77,24 @@ def simulate(
         start=start,
         address=address,
     )
-    route_rng, imu_rng, sensor_rng, clock_rng, estimate_rng = np.random.default_rng(seed).spawn(5)
-    winged = vehicle == "plane"
-    plan = (manoeuvres.plane if winged else manoeuvres.copter)(route_rng, duration_s)
-    latitude, longitude, height, heading = start
-    trajectory = Trajectory(
-        plan.route, math.radians(latitude), math.radians(longitude), height, math.radians(heading), winged=winged
-    )
-    flight = _Flight(trajectory, noise or SensorNoise(), duration_s, (plan.take_off - 2.0, plan.landed + 1.5), winged)
-    streams = [
-        *flight.inertial(imu_rng, sensor_rng, imu_hz, highres_imu, lambda done: progress(0.3 * done)),
-        flight.gnss(sensor_rng, gnss_hz, gnss_message_hz, gnss_delay),
-        *flight.housekeeping(clock_rng),
-        *flight.estimate(estimate_rng),
-    ]
-    boot_utc_us = int(BOOT_UTC.timestamp() * 1e6)
-    with _create(Path(path)) as file:
+    with _create(Path(path)) as file:  # first: what cannot be written need not be flown
+        route_rng, imu_rng, sensor_rng, clock_rng, estimate_rng = np.random.default_rng(seed).spawn(5)
+        winged = vehicle == "plane"
+        plan = (manoeuvres.plane if winged else manoeuvres.copter)(route_rng, duration_s)
+        latitude, longitude, height, heading = start
+        trajectory = Trajectory(
+            plan.route, math.radians(latitude), math.radians(longitude), height, math.radians(heading), winged=winged
+        )
+        flight = _Flight(
+            trajectory, noise or SensorNoise(), duration_s, (plan.take_off - 2.0, plan.landed + 1.5), winged
+        )
+        streams = [
+            *flight.inertial(imu_rng, sensor_rng, imu_hz, highres_imu, lambda done: progress(0.3 * done)),
+            flight.gnss(sensor_rng, gnss_hz, gnss_message_hz, gnss_delay),
+            *flight.housekeeping(clock_rng),
+            *flight.estimate(estimate_rng),
+        ]
+        boot_utc_us = int(BOOT_UTC.timestamp() * 1e6)
         messages.write_tlog(
             file,
             streams,
@@ -119,7 +121,7 @@ class _Flight:
         self, imu_rng: Generator, rng: Generator, imu_hz: float, highres: bool, progress: Callable[[float], object]
     ) -> list[Stream]:
         """RAW_IMU, HIGHRES_IMU and SCALED_PRESSURE: what the board itself measures."""
-        taken = np.floor(self._schedule(rng, imu_hz) * IMU_RATE).astype(np.int64)
+        taken = np.floor(self._schedule(rng, imu_hz, IMU_JITTER) * IMU_RATE).astype(np.int64)
         times = taken / IMU_RATE + imu_rng.uniform(*IMU_AGE, len(taken))
         imu = self._imu(imu_rng, taken, progress)
         sampled = self._samples(rng, 10.0)
@@ -223,17 +225,15 @@ class _Flight:
         running: NDArray[np.bool_] = (t >= self._arm) & (t < self._disarm)
         return running
 
-    def _schedule(self, rng: Generator, rate: float) -> Floats:
+    def _schedule(self, rng: Generator, rate: float, jitter: float = JITTER) -> Floats:
         """When messages are sent: a drawn phase, some jitter, from when the link is up."""
         times = LINK_UP + (rng.random() + np.arange(math.ceil((self._duration - LINK_UP) * rate))) / rate
-        times += min(JITTER, 0.3 / rate) * rng.random(len(times))
-        result: Floats = times[times < self._duration - 0.01]
-        return result
+        times += min(jitter, 0.3 / rate) * rng.random(len(times))
+        return np.asarray(times[times < self._duration - 0.01], np.float64)
 
     def _samples(self, rng: Generator, rate: float) -> Floats:
         """When a sensor samples: a drawn phase, from before the first message."""
-        result: Floats = (rng.random() + np.arange(-1, math.ceil(self._duration * rate))) / rate
-        return result
+        return np.asarray((rng.random() + np.arange(-1, math.ceil(self._duration * rate))) / rate, np.float64)
 
 
 def _newest(sampled: Floats, times: Floats) -> NDArray[np.intp]:

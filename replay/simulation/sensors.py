@@ -128,7 +128,8 @@ def magnetometer(noise: SensorNoise, rng: Generator, motion: Motion, field_n: Fl
 
 def isa_pressure(height: Floats) -> Floats:
     """Compute the static pressure, Pa, of the standard atmosphere at a height above sea level, m (ISO 2533, below 11 km)."""
-    result: Floats = 101325.0 * (1.0 - 0.0065 * height / 288.15) ** 5.25588
+    geopotential = 6356766.0 * height / (6356766.0 + height)
+    result: Floats = 101325.0 * (1.0 - 0.0065 * geopotential / 288.15) ** 5.25588
     return result
 
 

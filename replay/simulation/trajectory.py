@@ -180,19 +180,17 @@ def ecef(latitude: Floats, longitude: Floats, height: Floats) -> Floats:
 
 
 def geodetic(p_e: Floats) -> tuple[Floats, Floats, Floats]:
-    """Latitude, longitude (rad), height (m) of earth-fixed coordinates (n, 3), by Bowring's (1976) iteration.
+    """Latitude, longitude (rad), height (m) of earth-fixed coordinates (n, 3), by Bowring's (1976) formula.
 
-    Near the surface the second round changes nothing above a nanometre.
+    Within some kilometres of the surface it is exact to the rounding of double precision.
     """
     across = np.hypot(p_e[:, 0], p_e[:, 1])
     b = SEMI_MAJOR_AXIS * (1.0 - FLATTENING)
     reduced = np.arctan2(p_e[:, 2], (1.0 - FLATTENING) * across)
-    for _ in range(2):
-        latitude = np.arctan2(
-            p_e[:, 2] + ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED) * b * np.sin(reduced) ** 3,
-            across - ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS * np.cos(reduced) ** 3,
-        )
-        reduced = np.arctan2((1.0 - FLATTENING) * np.sin(latitude), np.cos(latitude))
+    latitude = np.arctan2(
+        p_e[:, 2] + ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED) * b * np.sin(reduced) ** 3,
+        across - ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS * np.cos(reduced) ** 3,
+    )
     sine, cosine = np.sin(latitude), np.cos(latitude)
     height = across * cosine + p_e[:, 2] * sine - SEMI_MAJOR_AXIS * np.sqrt(1.0 - ECCENTRICITY_SQUARED * sine**2)
     return latitude, np.arctan2(p_e[:, 1], p_e[:, 0]), height

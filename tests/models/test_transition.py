@@ -1,0 +1,123 @@
+"""Phi of every kinematic model against finite differences of its own `propagate` on the manifold.
+
+A model joins this test by being a module of mavkf.models that has `propagate` and `transition`.
+"""
+
+import importlib
+import pkgutil
+from math import pi, radians
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import mavkf.models
+from mavkf.models import strapdown
+from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
+from mavkf.models.strapdown import BA, BARO, BG, HEIGHT, LATITUDE, LONGITUDE, TOP, X_SIZE, N, Q, V
+
+Array = np.ndarray
+# a step of finite differences for each error state: rad, m/s, m, rad/s, m/s^2, m
+EPSILON = np.array([1e-5] * 3 + [1e-3] * 3 + [1.0] * 3 + [1e-5] * 3 + [1e-4] * 3 + [1e-2])
+# what an error of one part in the filter's usual units looks like: Phi is compared as error out (m, m/s, rad) per error in
+UNIT = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [0.01] * 3 + [0.1] * 3 + [1.0])
+
+
+def models() -> list[ModuleType]:
+    names = [info.name for info in pkgutil.iter_modules(mavkf.models.__path__)]
+    modules = [importlib.import_module("mavkf.models." + name) for name in names]
+    return [module for module in modules if hasattr(module, "propagate") and hasattr(module, "transition")]
+
+
+def test_discovery() -> None:
+    assert {"strapdown", "constant_velocity"} <= {module.__name__.rsplit(".", 1)[1] for module in models()}
+
+
+def random_case(random: np.random.Generator) -> tuple[Array, Array, Array]:
+    """A state, and the samples at both ends of an interval: up to 3 g and 170 deg/s, changing."""
+    x = np.zeros(X_SIZE)
+    quaternion_from_euler(*random.uniform(-pi, pi, 3), x[Q : Q + 4])
+    x[V : V + 3] = random.uniform(-30.0, 30.0, 3)
+    x[LATITUDE], x[LONGITUDE] = radians(random.uniform(-75.0, 75.0)), random.uniform(-3.0, 3.0)
+    x[HEIGHT] = random.uniform(-50.0, 5000.0)
+    x[BG : BG + 3], x[BA : BA + 3] = random.normal(size=3) * 0.02, random.normal(size=3) * 0.2
+    x[BARO] = random.normal()
+    imu0 = np.concatenate([random.uniform(-1.7, 1.7, 3), random.uniform(-17.0, 17.0, 3)])
+    imu1 = imu0 + np.concatenate([random.normal(size=3) * 0.05, random.normal(size=3) * 0.5])
+    return x, imu0, imu1
+
+
+def numeric(model: ModuleType, x: Array, imu0: Array, imu1: Array, dt: float) -> Array:
+    """d(propagated dx) / d(dx), shape (N, N), by central differences."""
+    retract, local = getattr(model, "retract", strapdown.retract), getattr(model, "local", strapdown.local)
+    centre, average = x.copy(), np.empty(21)
+    model.propagate(centre, imu0, imu1, dt, average)
+    F = np.empty((N, N))
+    for j in range(N):
+        ends = []
+        for sign in (1.0, -1.0):
+            y, dx = x.copy(), np.zeros(N)
+            dx[j] = sign * EPSILON[j]
+            retract(y, dx)
+            model.propagate(y, imu0, imu1, dt, average)
+            local(centre, y, dx)
+            ends.append(dx)
+        F[:, j] = (ends[0] - ends[1]) / (2.0 * EPSILON[j])
+    return F
+
+
+def error(model: ModuleType, case: tuple[Array, Array, Array], dt: float) -> Array:
+    """|Phi - numeric|, in units of `UNIT` out for one `UNIT` in."""
+    x, imu0, imu1 = case
+    average, Phi = np.empty(21), np.empty((9, TOP))
+    y = x.copy()
+    model.propagate(y, imu0, imu1, dt, average)
+    model.transition(y, average, dt, Phi)
+    full = np.eye(N)
+    full[:9, :TOP] = Phi
+    return np.asarray(np.abs(full - numeric(model, x, imu0, imu1, dt)) * UNIT / UNIT[:, None])
+
+
+def test_the_case_is_hard_enough() -> None:
+    # a Phi with the specific force left out is wrong by far more than the tolerance below
+    e = max(
+        np.abs(numeric(strapdown, *random_case(np.random.default_rng(seed)), 0.1)[3:6, 0:3]).max() for seed in range(5)
+    )
+    assert e * UNIT[0] / UNIT[3] > 10.0 * tolerance(0.1)
+
+
+def tolerance(dt: float) -> float:
+    """What a Phi of second order may leave out, in `UNIT`s: rates to 1.7 rad/s times forces to 30 m/s^2 times dt^3 / 6,
+    and the change of both within the interval, to dt^2."""
+    return 0.1 * dt**2 + 1.5 * dt**3
+
+
+@pytest.mark.parametrize("model", models(), ids=lambda module: module.__name__.rsplit(".", 1)[1])
+def test_transition_is_the_derivative_of_propagate(model: ModuleType) -> None:
+    for seed in range(100):
+        case = random_case(np.random.default_rng(seed))
+        for dt in (0.005, 0.02, 0.1, 0.25):
+            e = error(model, case, dt)
+            assert e.max() < tolerance(dt), (seed, dt, np.unravel_index(e.argmax(), e.shape))
+
+
+def test_slow_terms_of_strapdown() -> None:
+    """At rest in n the terms of the earth's rotation, transport rate and gravity gradient stand alone, each to a few percent."""
+    dt = 1.0
+    for latitude in (-60.0, 0.0, 50.0):
+        x, _, _ = random_case(np.random.default_rng(1))
+        x[LATITUDE], x[BG : BG + 3], x[BA : BA + 3], x[V : V + 3] = radians(latitude), 0.0, 0.0, [0.3, -0.2, 0.1]
+        C = np.empty((3, 3))
+        rotation_matrix(x[Q : Q + 4], C)
+        imu = np.concatenate([np.zeros(3), C.T @ [0.0, 0.0, -9.81]])
+        y, average, Phi = x.copy(), np.empty(21), np.empty((9, TOP))
+        strapdown.propagate(y, imu, imu, dt, average)
+        strapdown.transition(y, average, dt, Phi)
+        F = numeric(strapdown, x, imu, imu, dt)
+        # rad per rad, (m/s) per (m/s): 7.3e-5 and 1.5e-4 of the earth's rotation; second order g dt^2 / 2R = 8e-7
+        np.testing.assert_allclose(Phi[0:3, 0:3], F[0:3, 0:3], rtol=0, atol=2e-6)
+        np.testing.assert_allclose(Phi[3:6, 3:6], F[3:6, 3:6], rtol=0, atol=2e-6)
+        # rad per (m/s): dt / R = 1.6e-7
+        np.testing.assert_allclose(Phi[0:3, 3:6], F[0:3, 3:6], rtol=0, atol=2e-9)
+        # (m/s) per m: 3.1e-6 of gravity
+        np.testing.assert_allclose(Phi[3:6, 6:9], F[3:6, 6:9], rtol=0, atol=4e-8)

@@ -1,0 +1,25 @@
+"""One synthetic session and its batch run, shared by the tests of navigation."""
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from mavkf.navigation.estimator import Offline, run_offline
+
+from ._session import CONFIG, session
+
+settings.register_profile("navigation", deadline=None)
+settings.load_profile("navigation")
+
+
+@pytest.fixture(scope="session")
+def rows() -> np.ndarray:
+    """40 s in the order of arrival, not to be written to."""
+    made = session()
+    made.setflags(write=False)
+    return made
+
+
+@pytest.fixture(scope="session")
+def batch(rows: np.ndarray) -> Offline:
+    return run_offline(rows, CONFIG)

@@ -1,0 +1,85 @@
+"""No setting does nothing: each changes what the estimator makes of a flight in which everything happens."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mavkf.config import Config, settings, with_settings
+from mavkf.navigation.estimator import SessionEstimator, run_offline
+from mavkf.samples import GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
+
+from ._session import RADII, run, session
+
+# other values than the defaults; those of `timeline` are tested below
+OTHER: dict[str, Any] = {
+    "vehicle.gnss_delay_s": 0.2,
+    "vehicle.imu_delay_s": 0.01,
+    "vehicle.magnetometer_delay_s": 0.02,
+    "vehicle.barometer_delay_s": 0.03,
+    "vehicle.magnetic_declination_deg": 5.0,
+    "vehicle.use_magnetometer": "false",
+    "vehicle.use_barometer": "false",
+    "gates.reset_s": 3.0,
+    "gates.gap_s": 1.5,
+    "model.strapdown_hz": 300.0,
+}
+NAMES = [(name, default) for name, default, *_ in settings() if not name.startswith("timeline.")]
+
+
+@cache
+def flight() -> np.ndarray:
+    """Half a minute: a turn at first, a field that comes late, a pause of the IMU, claims missing or too good, a jump."""
+    rows = session(duration=28.0)
+    t = rows[:, TIME]
+    drop = (rows[:, KIND] == Kind.MAGNETOMETER) & (t < 104.0)
+    drop |= (rows[:, KIND] == Kind.IMU) & (t > 111.0) & (t < 111.9)
+    silent = (rows[:, KIND] == Kind.GNSS) & (np.arange(rows.shape[0]) % 2 == 0)
+    rows[np.ix_(silent, range(SIGMA_HORIZONTAL, SIGMA_SPEED + 1))] = np.nan
+    rows[(rows[:, KIND] == Kind.GNSS) & (np.arange(rows.shape[0]) % 8 == 1), SIGMA_HORIZONTAL] = 0.1
+    rows[(rows[:, KIND] == Kind.IMU) & (t < 101.5), GYRO] += 0.1
+    rows[(rows[:, KIND] == Kind.GNSS) & (t > 118.0), LATITUDE] += 60.0 / RADII[0]
+    return rows[~drop]
+
+
+def outcome(config: Config) -> bytes:
+    result = run_offline(flight(), config, rate_hz=1.0)
+    return result.state.tobytes() + result.output.innovations.tobytes()
+
+
+@cache
+def default_outcome() -> bytes:
+    return outcome(Config())
+
+
+def test_the_same_settings_give_the_same_outcome() -> None:
+    assert outcome(with_settings(Config(), [])) == default_outcome()
+
+
+@pytest.mark.parametrize(("name", "default"), NAMES, ids=[name for name, _ in NAMES])
+def test_every_setting_changes_something(name: str, default: Any) -> None:
+    value = OTHER.get(name, None if default is None else 1.5 * default)
+    changed = outcome(with_settings(Config(), [f"{name}={value}"])) != default_outcome()
+    assert changed
+
+
+def test_the_window_decides_what_is_late() -> None:
+    rows = session(duration=12.0)
+    i = int(np.flatnonzero((rows[:, KIND] == Kind.GNSS) & (rows[:, TIME] > 107.0))[0])
+    later = int(np.flatnonzero(rows[:, TIME] > rows[i, TIME] + 1.5)[0])
+    late = np.concatenate([rows[:i], rows[i + 1 : later], rows[i : i + 1], rows[later:]])
+    counts = [run(late, config=with_settings(Config(), [f"window_s={w}"]))[0].late for w in (1.0, 2.0)]
+    assert counts == [1, 0]
+
+
+@pytest.mark.parametrize("setup_s", [2.0, 5.0, 8.0])
+def test_the_set_up_ends_when_its_time_is_over(setup_s: float) -> None:
+    estimator = SessionEstimator(with_settings(Config(), [f"setup_s={setup_s}"]))
+    rows = session(duration=12.0)
+    for row in rows:
+        for _ in estimator.push(row[None, :]):
+            pass
+        if estimator.setup is not None:
+            break
+    assert row[TIME] - rows[rows[:, KIND] == Kind.IMU, TIME].min() == pytest.approx(setup_s, abs=0.3)

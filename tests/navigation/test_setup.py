@@ -1,0 +1,122 @@
+"""What is chosen from the first seconds, with its reasons in words."""
+
+import numpy as np
+import pytest
+
+from mavkf.config import Config, with_settings
+from mavkf.errors import UsageError
+from mavkf.navigation.setup import choose
+from mavkf.samples import ACCEL, AUTOPILOT, FIX, KIND, ROW_WIDTH, SOURCE, TIME, VEHICLE_TYPE, Kind, Source
+
+Array = np.ndarray
+
+
+def sensor(kind: Kind, source: Source, rate: float, duration: float = 5.0, force: float = 9.8, fix: int = 3) -> Array:
+    rows = np.full((int(rate * duration) + 1, ROW_WIDTH), np.nan)
+    rows[:, KIND], rows[:, SOURCE] = kind, source
+    rows[:, TIME] = 10.0 + np.arange(rows.shape[0]) / rate
+    if kind == Kind.IMU:
+        rows[:, ACCEL : ACCEL + 3] = [0.0, 0.0, -force]
+    if kind == Kind.GNSS:
+        rows[:, FIX] = fix
+    return rows
+
+
+def imu(source: Source, rate: float, force: float = 9.8) -> Array:
+    return sensor(Kind.IMU, source, rate, force=force)
+
+
+def heartbeat(autopilot: int, vehicle: int = 2) -> Array:
+    rows = sensor(Kind.HEARTBEAT, Source.HEARTBEAT, 1.0)
+    rows[:, AUTOPILOT], rows[:, VEHICLE_TYPE] = autopilot, vehicle
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("rates", "best"),
+    [
+        ({Source.RAW_IMU: 10.0, Source.SCALED_IMU2: 10.0}, Source.RAW_IMU),
+        ({Source.RAW_IMU: 10.0, Source.SCALED_IMU2: 50.0}, Source.SCALED_IMU2),
+        ({Source.SCALED_IMU: 50.0, Source.HIGHRES_IMU: 50.0, Source.RAW_IMU: 50.0}, Source.HIGHRES_IMU),
+        ({Source.HIGHRES_IMU: 10.0, Source.RAW_IMU: 100.0}, Source.RAW_IMU),
+        ({Source.SCALED_IMU3: 4.0}, Source.SCALED_IMU3),
+    ],
+)
+def test_imu_by_rate_and_resolution(rates: dict[Source, float], best: Source) -> None:
+    rows = np.concatenate([imu(source, rate) for source, rate in rates.items()])
+    setup = choose(rows, Config())
+    assert setup.imu is best
+    assert setup.imu_rate_hz == pytest.approx(rates[best])
+    assert best.name in setup.reasons[0]
+    for other in rates.keys() - {best}:
+        assert other.name in setup.reasons[0]
+
+
+@pytest.mark.parametrize("force", [0.0, 1.0, 100.0, 9806.0])
+def test_a_broken_scale_is_named_and_not_used(force: float) -> None:
+    rows = np.concatenate([imu(Source.HIGHRES_IMU, 100.0, force), imu(Source.SCALED_IMU, 20.0)])
+    setup = choose(rows, Config())
+    assert setup.imu is Source.SCALED_IMU
+    assert any("HIGHRES_IMU is not used" in reason for reason in setup.reasons)
+    alone = choose(imu(Source.HIGHRES_IMU, 100.0, force), Config())
+    assert alone.imu is None
+    assert not alone.strapdown
+
+
+def test_a_forced_imu_is_used_whatever_it_shows() -> None:
+    rows = np.concatenate([imu(Source.RAW_IMU, 20.0, 1.0), imu(Source.SCALED_IMU2, 100.0)])
+    setup = choose(rows, Config(), imu=Source.RAW_IMU)
+    assert setup.imu is Source.RAW_IMU
+    assert any("as asked" in reason for reason in setup.reasons)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"), [(imu(Source.SCALED_IMU2, 10.0), "SCALED_IMU2"), (np.empty((0, ROW_WIDTH)), "no IMU message")]
+)
+def test_a_forced_imu_that_is_not_there_is_an_error_that_names_what_is(rows: Array, said: str) -> None:
+    with pytest.raises(UsageError, match=rf"RAW_IMU.*{said}"):
+        choose(rows, Config(), imu=Source.RAW_IMU)
+
+
+@pytest.mark.parametrize(("rate", "strapdown"), [(1.0, False), (7.0, False), (9.0, True), (200.0, True)])
+def test_model_by_rate(rate: float, strapdown: bool) -> None:
+    setup = choose(imu(Source.RAW_IMU, rate), Config())
+    assert setup.strapdown is strapdown
+    assert any(f"model {'strapdown' if strapdown else 'constant-velocity'}" in reason for reason in setup.reasons)
+    for forced in ("strapdown", "constant-velocity"):
+        assert choose(imu(Source.RAW_IMU, rate), Config(), model=forced).strapdown is (forced == "strapdown")
+
+
+def test_no_strapdown_without_an_imu_even_if_asked() -> None:
+    assert not choose(sensor(Kind.GNSS, Source.GPS_RAW_INT, 5.0), Config(), model="strapdown").strapdown
+
+
+def test_delays_by_autopilot_and_by_configuration() -> None:
+    def delays(rows: Array, config: Config) -> tuple[float, ...]:
+        s = choose(rows, config)
+        return s.gnss_delay, s.imu_delay, s.magnetometer_delay, s.barometer_delay
+
+    assert delays(heartbeat(3), Config()) == (0.085, 0.0125, 0.055, 0.045)
+    assert delays(heartbeat(12), Config()) == (0.0, 0.0, 0.0, 0.0)
+    assert delays(np.empty((0, ROW_WIDTH)), Config()) == (0.0, 0.0, 0.0, 0.0)
+    config = with_settings(Config(), ["gnss_delay_s=0.22", "imu_delay_s=0"])
+    assert delays(heartbeat(3), config) == (0.22, 0.0, 0.055, 0.045)
+    assert choose(heartbeat(3, vehicle=10), Config()).vehicle_type == 10
+
+
+def test_receiver_with_the_most_fixes() -> None:
+    first, second = (sensor(Kind.GNSS, source, 5.0) for source in (Source.GPS_RAW_INT, Source.GPS2_RAW))
+    assert choose(np.concatenate([second, first]), Config()).gnss is Source.GPS_RAW_INT
+    blind = sensor(Kind.GNSS, Source.GPS_RAW_INT, 5.0, fix=1)
+    assert choose(np.concatenate([blind, second]), Config()).gnss is Source.GPS2_RAW
+    assert choose(sensor(Kind.GNSS, Source.GPS2_RAW, 5.0, fix=0), Config()).gnss is Source.GPS2_RAW
+    assert choose(np.empty((0, ROW_WIDTH)), Config()).gnss is Source.GPS_RAW_INT
+
+
+def test_magnetometer_of_the_chosen_imu_first() -> None:
+    fields = [sensor(Kind.MAGNETOMETER, source, 10.0) for source in (Source.RAW_IMU, Source.SCALED_IMU2)]
+    rows = np.concatenate([*fields, imu(Source.SCALED_IMU2, 100.0), imu(Source.RAW_IMU, 5.0)])
+    assert choose(rows, Config()).magnetometer is Source.SCALED_IMU2
+    assert choose(np.concatenate([*fields, imu(Source.SCALED_IMU3, 5.0)]), Config()).magnetometer is Source.RAW_IMU
+    assert choose(imu(Source.RAW_IMU, 5.0), Config()).magnetometer is None
+    assert choose(sensor(Kind.BAROMETER, Source.SCALED_PRESSURE3, 5.0), Config()).barometer is Source.SCALED_PRESSURE3
