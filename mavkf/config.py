@@ -68,7 +68,9 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         | None
     ) = None
     use_magnetometer: Annotated[bool, Meta(description="whether the magnetometer is fused")] = True
-    use_rest: Annotated[bool, Meta(description="whether standing still (disarmed, nothing moves) is used as zero velocity and rate")] = True
+    use_rest: Annotated[
+        bool, Meta(description="whether standing still (disarmed, nothing moves) is used as zero velocity and rate")
+    ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
 
@@ -114,7 +116,12 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         float, Meta(gt=0.0, le=10.0, description="m/sqrt(s): random walk of the barometer bias")
     ] = 0.03
     gnss_colour: Annotated[
-        float, Meta(ge=0.0, le=5.0, description="least sigma of the GNSS position error that lingers, as a share of what is claimed")
+        float,
+        Meta(
+            ge=0.0,
+            le=5.0,
+            description="least sigma of the GNSS position error that lingers, as a share of what is claimed",
+        ),
     ] = 0.5
     gnss_colour_time_s: Annotated[
         float, Meta(gt=0.0, le=3600.0, description="s: how long the lingering part of the GNSS position error lasts")
@@ -122,9 +129,9 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     gnss_delay_initial_s: Annotated[
         float, Meta(ge=0.0, le=1.0, description="s: one sigma of the nominal GNSS delay; 0: it is exact")
     ] = 0.03
-    gnss_delay_walk: Annotated[
-        float, Meta(ge=0.0, le=0.1, description="s/sqrt(s): random walk of the GNSS delay")
-    ] = 1e-4
+    gnss_delay_walk: Annotated[float, Meta(ge=0.0, le=0.1, description="s/sqrt(s): random walk of the GNSS delay")] = (
+        1e-4
+    )
     magnetometer_t: Annotated[
         float, Meta(gt=0.0, le=1e-4, description="T: white noise and changing disturbance of the magnetometer")
     ] = 7e-7
@@ -132,7 +139,10 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         float, Meta(gt=0.0, le=1e-4, description="T: the vehicle's own field that calibration has left")
     ] = 1.5e-6
     earth_field_t: Annotated[
-        float, Meta(gt=0.0, le=1e-5, description="T: the earth's field where the vehicle is, against the World Magnetic Model")
+        float,
+        Meta(
+            gt=0.0, le=1e-5, description="T: the earth's field where the vehicle is, against the World Magnetic Model"
+        ),
     ] = 3e-7
     acceleration_m_s2: Annotated[
         float,

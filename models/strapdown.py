@@ -18,9 +18,29 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models.earth import EARTH_RATE, SEMI_MAJOR_AXIS, gravity, radii
-from mavkf.models.rotation import quaternion_log, quaternion_product, rotate_left, rotate_right, rotation_matrix
+from mavkf.models.rotation import (
+    quaternion_log,
+    quaternion_product,
+    rotate_left,
+    rotate_right,
+    rotation_matrix,
+    wrap_angle,
+)
 
-Q, V, LATITUDE, LONGITUDE, HEIGHT, BG, BA, BARO, GNSS, DELAY, EARTH_FIELD, IRON = 0, 4, 7, 8, 9, 10, 13, 16, 17, 20, 21, 24
+Q, V, LATITUDE, LONGITUDE, HEIGHT, BG, BA, BARO, GNSS, DELAY, EARTH_FIELD, IRON = (
+    0,
+    4,
+    7,
+    8,
+    9,
+    10,
+    13,
+    16,
+    17,
+    20,
+    21,
+    24,
+)
 X_SIZE = 27
 
 THETA, VEL, POS, DBG, DBA, DBARO, DGNSS, DDELAY, DFIELD, DIRON = 0, 3, 6, 9, 12, 15, 16, 19, 20, 23
@@ -53,10 +73,7 @@ def move(x, north, east, down):
     x[LONGITUDE] += east / ((transverse + x[HEIGHT]) * math.cos(x[LATITUDE]))
     x[LATITUDE] += north / (meridian + x[HEIGHT])
     x[HEIGHT] -= down
-    if x[LONGITUDE] > math.pi:
-        x[LONGITUDE] -= 2.0 * math.pi
-    elif x[LONGITUDE] < -math.pi:
-        x[LONGITUDE] += 2.0 * math.pi
+    x[LONGITUDE] = wrap_angle(x[LONGITUDE])
 
 
 @compiled
@@ -64,11 +81,7 @@ def offset(latitude, longitude, height, latitude0, longitude0, height0, out):
     """Metres north, east, down (3,) from position 0 to the first; curvature taken half way."""
     meridian, transverse = radii(0.5 * (latitude + latitude0))
     half = 0.5 * (height + height0)
-    east = longitude - longitude0
-    if east > math.pi:
-        east -= 2.0 * math.pi
-    elif east < -math.pi:
-        east += 2.0 * math.pi
+    east = wrap_angle(longitude - longitude0)
     out[0] = (latitude - latitude0) * (meridian + half)
     out[1] = east * (transverse + half) * math.cos(0.5 * (latitude + latitude0))
     out[2] = height0 - height
@@ -187,7 +200,7 @@ def local(x, y, dx):
         dx[VEL + i] = y[V + i] - x[V + i]
     meridian, transverse = radii(x[LATITUDE])
     dx[POS] = (y[LATITUDE] - x[LATITUDE]) * (meridian + x[HEIGHT])
-    dx[POS + 1] = (y[LONGITUDE] - x[LONGITUDE]) * (transverse + x[HEIGHT]) * math.cos(x[LATITUDE])
+    dx[POS + 1] = wrap_angle(y[LONGITUDE] - x[LONGITUDE]) * (transverse + x[HEIGHT]) * math.cos(x[LATITUDE])
     dx[POS + 2] = x[HEIGHT] - y[HEIGHT]
     for i in range(N - DBG):
         dx[DBG + i] = y[BG + i] - x[BG + i]

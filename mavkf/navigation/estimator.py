@@ -192,6 +192,7 @@ def fold_counts(state: Array) -> dict[str, int]:
     """What a state has counted: repeated values, fixes without a position, gaps of the IMU."""
     return {
         "repeated": int(state[L.DUPLICATES]),
+        "implausible": int(state[L.IMPLAUSIBLE]),
         "without_fix": int(state[L.NO_FIX]),
         "imu_gaps": int(state[L.GAP_COUNT]),
     }

@@ -29,22 +29,38 @@ from mavkf.models.strapdown import (
     HEIGHT,
     LATITUDE,
     POS,
-    Q,
     THETA,
     TOP,
     VEL,
     N,
+    Q,
     V,
 )
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
-from mavkf.navigation.layout import NoteCode, Parameter
 from mavkf.navigation.fusing import note
+from mavkf.navigation.layout import NoteCode, Parameter
 from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
 from mavkf.navigation.use_magnetometer import use_magnetometer
-from mavkf.samples import ACCEL_RESOLUTION, BASE_MODE, GYRO, GYRO_RESOLUTION, KIND, TIME, Kind
+from mavkf.samples import (
+    ACCEL_RESOLUTION,
+    BASE_MODE,
+    FIELD,
+    FIX,
+    GYRO,
+    GYRO_RESOLUTION,
+    HEIGHT_AMSL,
+    KIND,
+    PRESSURE,
+    SIGMA_HORIZONTAL,
+    TIME,
+    VELOCITY_N,
+    Kind,
+)
+from mavkf.samples import LATITUDE as FIX_LATITUDE
+from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 OUTAGE_AFTER = 2.0  # s without a fused position
@@ -53,6 +69,9 @@ REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 POLE = math.radians(86.0)  # beyond it north is no direction to navigate by
 ARMED_BIT = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+# What no sensor of a drone shows: rad/s, m/s^2, m, m/s, m (or m/s), T, Pa.
+MOST_RATE, MOST_FORCE, MOST_HEIGHT, MOST_SPEED, MOST_SIGMA, MOST_FIELD = 100.0, 1000.0, 1e5, 1000.0, 1e5, 1e-2
+LEAST_PRESSURE, MOST_PRESSURE = 1e3, 2e5
 IMU_KIND, GNSS_KIND, MAGNETOMETER_KIND, BAROMETER_KIND, HEARTBEAT_KIND = (
     int(Kind.IMU),
     int(Kind.GNSS),
@@ -241,8 +260,12 @@ def watch_samples(s, e, c, imu, dt):
     s[L.DIFFERENCE_GYRO] += weight * (gyro - s[L.DIFFERENCE_GYRO])
     s[L.DIFFERENCE_ACCEL] += weight * (accel - s[L.DIFFERENCE_ACCEL])
     share = c[Parameter.SAMPLING] * dt * s[L.SCALE_IMU]
-    s[L.NOISE_GYRO] = c[Parameter.GYRO] ** 2 + share * max(gyro, s[L.DIFFERENCE_GYRO]) + dt * e[GYRO_RESOLUTION] ** 2 / 12.0
-    s[L.NOISE_ACCEL] = c[Parameter.ACCEL] ** 2 + share * max(accel, s[L.DIFFERENCE_ACCEL]) + dt * e[ACCEL_RESOLUTION] ** 2 / 12.0
+    s[L.NOISE_GYRO] = (
+        c[Parameter.GYRO] ** 2 + share * max(gyro, s[L.DIFFERENCE_GYRO]) + dt * e[GYRO_RESOLUTION] ** 2 / 12.0
+    )
+    s[L.NOISE_ACCEL] = (
+        c[Parameter.ACCEL] ** 2 + share * max(accel, s[L.DIFFERENCE_ACCEL]) + dt * e[ACCEL_RESOLUTION] ** 2 / 12.0
+    )
     return gyro, accel
 
 
@@ -426,6 +449,34 @@ def flush(s, c, out):
 
 
 @compiled
+def plausible(e):
+    """Whether the values of an event can be measurements at all: finite, and within what sensors can show. NaN stands for not known."""
+    kind = int(e[KIND])
+    if kind == IMU_KIND:
+        for i in range(6):
+            # a NaN fails every comparison
+            if not abs(e[GYRO + i]) < (MOST_RATE if i < 3 else MOST_FORCE):
+                return False
+        return 0.0 <= e[GYRO_RESOLUTION] < 1.0 and 0.0 <= e[ACCEL_RESOLUTION] < 10.0
+    if kind == GNSS_KIND:
+        if e[FIX] >= 3.0:
+            if not (abs(e[FIX_LATITUDE]) <= 0.5 * math.pi and abs(e[FIX_LONGITUDE]) <= 2.0 * math.pi):
+                return False
+            if not abs(e[HEIGHT_AMSL]) < MOST_HEIGHT:
+                return False
+        for i in range(3):
+            if abs(e[VELOCITY_N + i]) > MOST_SPEED or e[SIGMA_HORIZONTAL + i] > MOST_SIGMA:
+                return False
+    elif kind == MAGNETOMETER_KIND:
+        for i in range(3):
+            if not abs(e[FIELD + i]) < MOST_FIELD:
+                return False
+    elif kind == BAROMETER_KIND:
+        return LEAST_PRESSURE < e[PRESSURE] < MOST_PRESSURE
+    return True
+
+
+@compiled
 def fold(s, e, c, out):
     """Take one event (EVENT_WIDTH,) into the state (STATE_SIZE,), in place.
 
@@ -433,7 +484,9 @@ def fold(s, e, c, out):
     Events must come in the order of `timeline.precedes`. Nothing is raised: what cannot be used is refused and recorded.
     """
     kind = int(e[KIND])
-    if kind == IMU_KIND:
+    if not plausible(e):
+        s[L.IMPLAUSIBLE] += 1.0
+    elif kind == IMU_KIND:
         use_imu(s, e, c, out)
     elif kind == HEARTBEAT_KIND:
         armed = 1.0 if int(e[BASE_MODE]) & ARMED_BIT else 0.0

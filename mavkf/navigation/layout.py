@@ -54,6 +54,7 @@ _book = P + N * N
     GAP_COUNT,
     GAP_LONGEST,  # s
     DUPLICATES,  # repeated values and stamps that were passed over
+    IMPLAUSIBLE,  # events whose values no sensor can show
     NO_FIX,  # fixes without a position in them
     REST_SINCE,  # start of an unbroken time without a sign of motion, NaN: moving
     T_REST,
@@ -62,8 +63,8 @@ _book = P + N * N
     SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
     SCALE_IMU,  # learnt noise density of the IMU, against what the samples show
     PENDING_COUNT,
-) = range(_book, _book + 44)
-IMU = _book + 44  # last sample: omega_b, f_b
+) = range(_book, _book + 45)
+IMU = _book + 45  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height

@@ -80,7 +80,10 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
         mine = imu[imu[:, SOURCE] == source]
         if not mine.shape[0]:
             continue
-        force = float(np.median(np.linalg.norm(mine[:, ACCEL : ACCEL + 3], axis=1))) / STANDARD_GRAVITY
+        with np.errstate(over="ignore", invalid="ignore"):
+            sizes = np.linalg.norm(mine[:, ACCEL : ACCEL + 3], axis=1)
+        sizes = sizes[np.isfinite(sizes)]
+        force = float(np.median(sizes)) / STANDARD_GRAVITY if sizes.size else 0.0
         if source is not forced and not PLAUSIBLE_FORCE[0] < force < PLAUSIBLE_FORCE[1]:
             reasons.append(
                 f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken"

@@ -49,8 +49,7 @@ def set_colour(s, e, c):
     s[L.COLOUR_FLOOR] = share * claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
     s[L.COLOUR_FLOOR + 1] = share * claimed(e, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
     for i in range(2):
-        if s[L.COLOUR + i] < s[L.COLOUR_FLOOR + i]:
-            s[L.COLOUR + i] = s[L.COLOUR_FLOOR + i]
+        s[L.COLOUR + i] = max(s[L.COLOUR + i], s[L.COLOUR_FLOOR + i])
 
 
 @compiled
@@ -101,7 +100,8 @@ def agrees(latitude, longitude, height, vn, ve, dt, e, c):
     mean_n = 0.5 * (vn + e[VELOCITY_N]) if math.isfinite(e[VELOCITY_N]) else 0.0
     mean_e = 0.5 * (ve + e[VELOCITY_E]) if math.isfinite(e[VELOCITY_E]) else 0.0
     sigma = claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
-    tolerance = 3.0 * sigma + 0.5 * c[Parameter.ACCELERATION] * dt * dt + 2.0 * dt
+    # of the difference of two fixes, each off by one sigma on each axis: beyond this once in a hundred thousand
+    tolerance = 5.0 * math.sqrt(2.0) * sigma + 0.5 * c[Parameter.ACCELERATION] * dt * dt + 2.0 * dt
     return math.hypot(d[0] - mean_n * dt, d[1] - mean_e * dt) <= tolerance and abs(d[2]) <= 3.0 * tolerance + 10.0 * dt
 
 
@@ -198,7 +198,9 @@ def learn_colour(s, r, S, axis, first, count):
         s[L.LAST_INNOVATION + i] = r[i]
     rho = min(max(rho / count, -3.0), 3.0)
     floor = s[L.COLOUR_FLOOR + axis]
-    s[L.COLOUR + axis] = min(max(s[L.COLOUR + axis] * math.exp(COLOUR_LEARNING * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor)
+    s[L.COLOUR + axis] = min(
+        max(s[L.COLOUR + axis] * math.exp(COLOUR_LEARNING * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor
+    )
 
 
 @compiled

@@ -14,7 +14,10 @@ from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
 from mavkf.samples import FIELD, TIME
 
 PERIOD = 0.08  # s between updates: the field's error is the same in samples closer together
-STRENGTH_MINIMUM, STRENGTH_MAXIMUM = 1.5e-5, 9e-5  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
+STRENGTH_MINIMUM, STRENGTH_MAXIMUM = (
+    1.5e-5,
+    9e-5,
+)  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
 YAW_START = 0.5  # rad: one sigma of the first heading, before the field as a vector says how good it is
 AGE_JITTER = 0.02  # s: how well the age of the field is known
 RELEARN_AFTER = 5.0  # s of refusals, after which the vehicle's own field is taken to have changed
@@ -57,7 +60,9 @@ def use_magnetometer(s, e, c, out):
         turning += s[L.RATE + i] ** 2 if math.isfinite(s[L.RATE + i]) else 0.0
     expected = s[L.STRENGTH] if math.isfinite(s[L.STRENGTH]) else strength
     # a field of the wrong strength has a wrong direction too; a turning vehicle shows the direction of a while ago
-    variance = c[Parameter.MAGNETOMETER] ** 2 + (AGE_JITTER * strength) ** 2 * turning + (0.3 * (strength - expected)) ** 2
+    variance = (
+        c[Parameter.MAGNETOMETER] ** 2 + (AGE_JITTER * strength) ** 2 * turning + (0.3 * (strength - expected)) ** 2
+    )
     for i in range(3):
         R[i, i] = variance
     s[L.T_MAGNETOMETER] = s[L.T]
@@ -76,6 +81,21 @@ def use_magnetometer(s, e, c, out):
 
 
 @compiled
+def turn_tilt(s, turn):
+    """Turn the tilt's part of P about down by an angle (rad): the error of the same body axes, seen from another north."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    c, d = math.cos(turn), math.sin(turn)
+    for j in range(N):
+        north, east = P[THETA, j], P[THETA + 1, j]
+        P[THETA, j] = c * north - d * east
+        P[THETA + 1, j] = d * north + c * east
+    for j in range(N):
+        north, east = P[j, THETA], P[j, THETA + 1]
+        P[j, THETA] = c * north - d * east
+        P[j, THETA + 1] = d * north + c * east
+
+
+@compiled
 def first_heading(s, C, mx, my, mz, out):
     """Turn the attitude so that the levelled field points along the declination; returns whether that could be done."""
     x = s[L.X : L.P]
@@ -88,6 +108,7 @@ def first_heading(s, C, mx, my, mz, out):
         return False  # the field points into the ground
     turn = wrap_angle(s[L.DECLINATION] - math.atan2(east, north))
     rotate_left(x[Q : Q + 4], 0.0, 0.0, turn)
+    turn_tilt(s, turn)
     forget(s, THETA + 2, 1, YAW_START**2)
     if not math.isfinite(s[L.STRENGTH]):
         # no model of the field (the declination was given): what is measured is all that is known

@@ -18,9 +18,9 @@ from mavkf.models.strapdown import BA, BARO, BG, HEIGHT, LATITUDE, LONGITUDE, TO
 
 Array = np.ndarray
 # a step of finite differences for each error state: rad, m/s, m, rad/s, m/s^2, m
-EPSILON = np.array([1e-5] * 3 + [1e-3] * 3 + [1.0] * 3 + [1e-5] * 3 + [1e-4] * 3 + [1e-2])
+EPSILON = np.array([1e-5] * 3 + [1e-3] * 3 + [1.0] * 3 + [1e-5] * 3 + [1e-4] * 3 + [1e-2] * (N - 15))
 # what an error of one part in the filter's usual units looks like: Phi is compared as error out (m, m/s, rad) per error in
-UNIT = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [0.01] * 3 + [0.1] * 3 + [1.0])
+UNIT = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [0.01] * 3 + [0.1] * 3 + [1.0] * (N - 15))
 
 
 def models() -> list[ModuleType]:
