@@ -1,8 +1,8 @@
 """Strapdown navigation: the IMU is the input, the state is attitude, velocity, position and the slow errors of sensors.
 
 Nominal state x (shape `X_SIZE`): q_nb (4), v_n (3, m/s), latitude and longitude (rad), height (m), gyro bias (3, rad/s),
-accelerometer bias (3, m/s^2), barometer bias (1, m), coloured error of the GNSS position (3, m, north-east-down), GNSS delay beyond the nominal
-one (1, s), magnetic field of the earth in n (3, T), bias of the magnetometer in b (3, T).
+accelerometer bias (3, m/s^2), barometer bias (1, m), coloured error of the GNSS position (3, m, north-east-down), GNSS delay beyond the
+nominal one (1, s), magnetic field of the earth in n (3, T), bias of the magnetometer in b (3, T).
 
 Error state dx (shape `N`), with its covariance P: dtheta_n (3, rad, on the left), dv_n (3, m/s), dp_n (3, m, north-east-down),
 then differences of the rest in the same order.

@@ -123,7 +123,8 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
 
     events (capacity, EVENT_WIDTH) and snapshots (capacity / STRIDE + 1, STATE_SIZE) hold the history; cursor and marks go with them.
     Writes a pose row for each newest IMU sample of a new output interval. An event older than the newest by more than
-    the window, or than what is left of the history, is counted and dropped. Returns the index to go on from and the number of pose rows (stops where a buffer might overflow).
+    the window, or than what is left of the history, is counted and dropped. Returns the index to go on from and the
+    number of pose rows (stops where a buffer might overflow).
     """
     count = 0
     counts = out[2]
