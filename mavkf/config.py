@@ -68,19 +68,22 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         | None
     ) = None
     use_magnetometer: Annotated[bool, Meta(description="whether the magnetometer is fused")] = True
+    use_rest: Annotated[
+        bool, Meta(description="whether standing still (disarmed, nothing moves) is used as zero velocity and rate")
+    ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
 
 class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """[noise] standard deviations and spectral densities; the defaults are those of consumer MEMS sensors."""
 
-    gyro: Annotated[float, Meta(gt=0.0, le=1.0, description="rad/s/sqrt(Hz): white noise of the gyro")] = 2e-4
+    gyro: Annotated[float, Meta(gt=0.0, le=1.0, description="rad/s/sqrt(Hz): white noise of the gyro")] = 1e-4
     accelerometer: Annotated[
         float, Meta(gt=0.0, le=10.0, description="m/s^2/sqrt(Hz): white noise of the accelerometer")
     ] = 4e-3
     gyro_bias_walk: Annotated[
         float, Meta(gt=0.0, le=1.0, description="rad/s/sqrt(s): random walk of the gyro bias")
-    ] = 5e-5
+    ] = 2e-4
     accelerometer_bias_walk: Annotated[
         float, Meta(gt=0.0, le=1.0, description="m/s^2/sqrt(s): random walk of the accelerometer bias")
     ] = 1e-3
@@ -100,7 +103,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     gnss_vertical_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = 3.0
     gnss_position_floor_m: Annotated[
         float, Meta(gt=0.0, le=100.0, description="m: a claim below it is not believed")
-    ] = 0.3
+    ] = 0.1
     gnss_speed_m_s: Annotated[float, Meta(gt=0.0, le=100.0, description="m/s: where the receiver claims nothing")] = 0.4
     gnss_speed_floor_m_s: Annotated[
         float, Meta(gt=0.0, le=10.0, description="m/s: a claim below it is not believed")
@@ -112,7 +115,35 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     barometer_walk: Annotated[
         float, Meta(gt=0.0, le=10.0, description="m/sqrt(s): random walk of the barometer bias")
     ] = 0.03
-    heading_rad: Annotated[float, Meta(gt=0.0, le=3.0, description="rad: heading from the magnetometer")] = 0.08
+    gnss_colour: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=5.0,
+            description="least sigma of the GNSS position error that lingers, as a share of what is claimed",
+        ),
+    ] = 0.5
+    gnss_colour_time_s: Annotated[
+        float, Meta(gt=0.0, le=3600.0, description="s: how long the lingering part of the GNSS position error lasts")
+    ] = 40.0
+    gnss_delay_initial_s: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="s: one sigma of the nominal GNSS delay; 0: it is exact")
+    ] = 0.03
+    gnss_delay_walk: Annotated[float, Meta(ge=0.0, le=0.1, description="s/sqrt(s): random walk of the GNSS delay")] = (
+        1e-4
+    )
+    magnetometer_t: Annotated[
+        float, Meta(gt=0.0, le=1e-4, description="T: white noise and changing disturbance of the magnetometer")
+    ] = 7e-7
+    magnetometer_bias_t: Annotated[
+        float, Meta(gt=0.0, le=1e-4, description="T: the vehicle's own field that calibration has left")
+    ] = 1.5e-6
+    earth_field_t: Annotated[
+        float,
+        Meta(
+            gt=0.0, le=1e-5, description="T: the earth's field where the vehicle is, against the World Magnetic Model"
+        ),
+    ] = 3e-7
     acceleration_m_s2: Annotated[
         float,
         Meta(gt=0.0, le=100.0, description="m/s^2: acceleration of a vehicle that is not measured (constant velocity)"),
@@ -144,7 +175,7 @@ class Model(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     strapdown_hz: Annotated[
         float, Meta(ge=0.0, le=1000.0, description="Hz: an IMU slower than this is too slow for strapdown navigation")
-    ] = 8.0
+    ] = 1.5
 
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

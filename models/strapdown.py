@@ -1,10 +1,11 @@
 """Strapdown navigation: the IMU is the input, the state is attitude, velocity, position and the slow errors of sensors.
 
 Nominal state x (shape `X_SIZE`): q_nb (4), v_n (3, m/s), latitude and longitude (rad), height (m), gyro bias (3, rad/s),
-accelerometer bias (3, m/s^2), barometer bias (1, m).
+accelerometer bias (3, m/s^2), barometer bias (1, m), coloured error of the GNSS position (3, m, north-east-down), GNSS delay beyond the
+nominal one (1, s), magnetic field of the earth in n (3, T), bias of the magnetometer in b (3, T).
 
 Error state dx (shape `N`), with its covariance P: dtheta_n (3, rad, on the left), dv_n (3, m/s), dp_n (3, m, north-east-down),
-dbg_b (3), dba_b (3), barometer bias (1).
+then differences of the rest in the same order.
 
 Mechanisation: Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems", 2nd ed., section 5.4, with rotation
 and force averaged by the trapezoid of two samples and the coning term of two-sample algorithms (Savage 1998, eq. 46: dt^2/12 w0 x w1).
@@ -17,13 +18,33 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models.earth import EARTH_RATE, SEMI_MAJOR_AXIS, gravity, radii
-from mavkf.models.rotation import quaternion_log, quaternion_product, rotate_left, rotate_right, rotation_matrix
+from mavkf.models.rotation import (
+    quaternion_log,
+    quaternion_product,
+    rotate_left,
+    rotate_right,
+    rotation_matrix,
+    wrap_angle,
+)
 
-Q, V, LATITUDE, LONGITUDE, HEIGHT, BG, BA, BARO = 0, 4, 7, 8, 9, 10, 13, 16
-X_SIZE = 17
+Q, V, LATITUDE, LONGITUDE, HEIGHT, BG, BA, BARO, GNSS, DELAY, EARTH_FIELD, IRON = (
+    0,
+    4,
+    7,
+    8,
+    9,
+    10,
+    13,
+    16,
+    17,
+    20,
+    21,
+    24,
+)
+X_SIZE = 27
 
-THETA, VEL, POS, DBG, DBA, DBARO = 0, 3, 6, 9, 12, 15
-N = 16
+THETA, VEL, POS, DBG, DBA, DBARO, DGNSS, DDELAY, DFIELD, DIRON = 0, 3, 6, 9, 12, 15, 16, 19, 20, 23
+N = 26
 TOP = 15  # error states that the rotation, velocity and position rows depend on
 
 
@@ -52,10 +73,7 @@ def move(x, north, east, down):
     x[LONGITUDE] += east / ((transverse + x[HEIGHT]) * math.cos(x[LATITUDE]))
     x[LATITUDE] += north / (meridian + x[HEIGHT])
     x[HEIGHT] -= down
-    if x[LONGITUDE] > math.pi:
-        x[LONGITUDE] -= 2.0 * math.pi
-    elif x[LONGITUDE] < -math.pi:
-        x[LONGITUDE] += 2.0 * math.pi
+    x[LONGITUDE] = wrap_angle(x[LONGITUDE])
 
 
 @compiled
@@ -63,11 +81,7 @@ def offset(latitude, longitude, height, latitude0, longitude0, height0, out):
     """Metres north, east, down (3,) from position 0 to the first; curvature taken half way."""
     meridian, transverse = radii(0.5 * (latitude + latitude0))
     half = 0.5 * (height + height0)
-    east = longitude - longitude0
-    if east > math.pi:
-        east -= 2.0 * math.pi
-    elif east < -math.pi:
-        east += 2.0 * math.pi
+    east = wrap_angle(longitude - longitude0)
     out[0] = (latitude - latitude0) * (meridian + half)
     out[1] = east * (transverse + half) * math.cos(0.5 * (latitude + latitude0))
     out[2] = height0 - height
@@ -186,7 +200,7 @@ def local(x, y, dx):
         dx[VEL + i] = y[V + i] - x[V + i]
     meridian, transverse = radii(x[LATITUDE])
     dx[POS] = (y[LATITUDE] - x[LATITUDE]) * (meridian + x[HEIGHT])
-    dx[POS + 1] = (y[LONGITUDE] - x[LONGITUDE]) * (transverse + x[HEIGHT]) * math.cos(x[LATITUDE])
+    dx[POS + 1] = wrap_angle(y[LONGITUDE] - x[LONGITUDE]) * (transverse + x[HEIGHT]) * math.cos(x[LATITUDE])
     dx[POS + 2] = x[HEIGHT] - y[HEIGHT]
     for i in range(N - DBG):
         dx[DBG + i] = y[BG + i] - x[BG + i]

@@ -31,7 +31,7 @@ def test_set_by_key_and_by_section() -> None:
     assert (config.noise.gyro, config.vehicle.use_barometer) == (1e-3, False)
     assert (config.vehicle.gnss_delay_s, config.gates.reset_s) == (0.2, 7.0)
     # the rest is as it was, and so is what was given
-    assert with_settings(config, ["gyro=2e-4", "use_barometer=true", "reset_s=10"]) == with_settings(
+    assert with_settings(config, ["gyro=1e-4", "use_barometer=true", "reset_s=10"]) == with_settings(
         Config(), ["gnss_delay_s=0.2"]
     )
     assert Config() == with_settings(Config(), [])

@@ -9,8 +9,8 @@ from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBARO, DBG, THETA, N, Q
 from mavkf.navigation import layout as L
+from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.layout import NoteCode, Parameter
-from mavkf.navigation.updates import forget, note
 
 DURATION = 1.0  # s
 SAMPLES = 4  # a slow IMU takes longer

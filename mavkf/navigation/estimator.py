@@ -153,7 +153,7 @@ class SessionEstimator:
             np.empty((BUFFER, L.NOTE_WIDTH)),
             np.zeros(2, dtype=np.int64),
             np.full(L.NOTE_CODES, -np.inf),
-            np.full(4 * HISTORY, -1.0),
+            np.full(L.SENSORS * HISTORY, -1.0),
         )
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
@@ -192,6 +192,7 @@ def fold_counts(state: Array) -> dict[str, int]:
     """What a state has counted: repeated values, fixes without a position, gaps of the IMU."""
     return {
         "repeated": int(state[L.DUPLICATES]),
+        "implausible": int(state[L.IMPLAUSIBLE]),
         "without_fix": int(state[L.NO_FIX]),
         "imu_gaps": int(state[L.GAP_COUNT]),
     }
@@ -232,7 +233,7 @@ def run_offline(
         np.empty((BUFFER, L.NOTE_WIDTH)),
         np.zeros(2, dtype=np.int64),
         np.full(L.NOTE_CODES, -np.inf),
-        np.full(2 * events.shape[0] + 2, -1.0),
+        np.full(L.SENSORS, -1.0),  # in order, no event is folded twice
     )
     poses = np.empty((16 * BUFFER, L.POSE_WIDTH))
     parts: list[Output] = []

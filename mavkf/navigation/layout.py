@@ -49,21 +49,33 @@ _book = P + N * N
     UNDULATION,  # m, ellipsoidal height less height above mean sea level, NaN: no message says
     DECLINATION,  # rad
     STRENGTH,  # T
-    ARMED,
+    ARMED,  # 0 or 1, -1: no heartbeat yet
     OUTAGE,  # 1: positions have been missing long enough to be told
     GAP_COUNT,
     GAP_LONGEST,  # s
     DUPLICATES,  # repeated values and stamps that were passed over
+    IMPLAUSIBLE,  # events whose values no sensor can show
     NO_FIX,  # fixes without a position in them
+    REST_SINCE,  # start of an unbroken time without a sign of motion, NaN: moving
+    T_REST,
+    RESTING,  # 1: the vehicle stands still, so its attitude stays
+    FIELD_REFUSED_SINCE,
+    SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
+    SCALE_IMU,  # learnt noise density of the IMU, against what the samples show
     PENDING_COUNT,
-) = range(_book, _book + 38)
-IMU = _book + 38  # last sample: omega_b, f_b
+) = range(_book, _book + 45)
+IMU = _book + 45  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
 REFUSED = FIX + 3  # last refused fix: latitude, longitude, height, vn, ve
 FIELD = REFUSED + 5  # last magnetometer value, T
-PENDING = FIELD + 3
+ACCELERATION = FIELD + 3  # in n, m/s^2, at T
+COLOUR = ACCELERATION + 3  # one sigma of the coloured GNSS error, horizontal and vertical, m
+COLOUR_FLOOR = COLOUR + 2
+SCALE_POSITION = COLOUR_FLOOR + 2  # learnt variance of the white part of the GNSS position, horizontal and vertical
+LAST_INNOVATION = SCALE_POSITION + 2  # of the GNSS position, m
+PENDING = LAST_INNOVATION + 3
 PENDING_CAPACITY = 32
 STATE_SIZE = PENDING + PENDING_CAPACITY * EVENT_WIDTH
 
@@ -87,18 +99,26 @@ class Parameter(IntEnum):
     COURSE = 13
     BARO = 14
     BARO_WALK = 15
-    HEADING = 16
-    ACCELERATION = 17
-    ACCELERATION_TIME = 18
-    LIMIT_1 = 19
-    LIMIT_2 = 20
-    LIMIT_3 = 21
-    RESET = 22
-    GAP = 23
-    DECLINATION = 24
-    USE_MAGNETOMETER = 25
-    USE_BAROMETER = 26
-    IMU_PERIOD = 27
+    ACCELERATION = 16
+    ACCELERATION_TIME = 17
+    LIMIT_1 = 18
+    LIMIT_2 = 19
+    LIMIT_3 = 20
+    RESET = 21
+    GAP = 22
+    DECLINATION = 23
+    USE_MAGNETOMETER = 24
+    USE_BAROMETER = 25
+    IMU_PERIOD = 26
+    COLOUR = 27
+    COLOUR_TIME = 28
+    MAGNETOMETER = 29
+    IRON = 30
+    EARTH_FIELD = 31
+    DELAY = 32
+    DELAY_WALK = 33
+    TRUNCATION = 34
+    REST = 35
 
 
 PARAMETERS = len(Parameter)
@@ -144,6 +164,11 @@ class Sensor(IntEnum):
     MAGNETOMETER = 2
     BAROMETER = 3
     GRAVITY = 4
+    REST_VELOCITY = 5
+    REST_RATE = 6
+
+
+SENSORS = len(Sensor)
 
 
 class Reason(IntEnum):
@@ -191,6 +216,7 @@ class NoteCode(IntEnum):
     MODEL_CHANGED = 8
     ARMED = 9
     DISARMED = 10
+    MAGNETOMETER_RELEARNT = 11
 
 
 NOTE_CODES = len(NoteCode)

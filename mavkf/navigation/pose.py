@@ -91,9 +91,12 @@ def pose_row(s, c, row):
     row[L.R_UNDULATION] = s[L.UNDULATION]
     for i in range(3):
         row[L.R_ORIGIN_LATITUDE + i] = s[L.ORIGIN_LATITUDE + i]
-    position = s[L.POSITION_KNOWN] != 0.0
-    attitude = s[L.ALIGNED] != 0.0
-    yaw = attitude and s[L.YAW_KNOWN] != 0.0
+    # what is too uncertain to be used is not known: a number is never a guess
+    valid = valid_of(s)
+    position = valid & L.VALID_POSITION != 0
+    velocity = valid & L.VALID_VELOCITY != 0
+    attitude = valid & L.VALID_TILT != 0
+    yaw = valid & L.VALID_YAW != 0
     if position:
         row[L.R_LATITUDE], row[L.R_LONGITUDE], row[L.R_HEIGHT] = s[LATITUDE], s[LONGITUDE], s[HEIGHT]
         offset(
@@ -105,6 +108,7 @@ def pose_row(s, c, row):
             s[L.ORIGIN_HEIGHT],
             row[L.R_NED : L.R_NED + 3],
         )
+    if velocity:
         for i in range(3):
             row[L.R_V + i] = s[V + i]
             for j in range(3):

@@ -182,6 +182,11 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
             return {
                 "strapdown": bool(a)
             }, "strapdown navigation begins" if a else "strapdown navigation ends: constant velocity"
+        case NoteCode.MAGNETOMETER_RELEARNT:
+            return (
+                {},
+                f"the magnetometer was off by {size * 1e6:.1f} microtesla for {end - start:.0f} s: its bias is learnt anew",
+            )
         case NoteCode.ARMED:
             return {}, "the vehicle was armed"
         case NoteCode.DISARMED:

@@ -80,7 +80,10 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
         mine = imu[imu[:, SOURCE] == source]
         if not mine.shape[0]:
             continue
-        force = float(np.median(np.linalg.norm(mine[:, ACCEL : ACCEL + 3], axis=1))) / STANDARD_GRAVITY
+        with np.errstate(over="ignore", invalid="ignore"):
+            sizes = np.linalg.norm(mine[:, ACCEL : ACCEL + 3], axis=1)
+        sizes = sizes[np.isfinite(sizes)]
+        force = float(np.median(sizes)) / STANDARD_GRAVITY if sizes.size else 0.0
         if source is not forced and not PLAUSIBLE_FORCE[0] < force < PLAUSIBLE_FORCE[1]:
             reasons.append(
                 f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken"
@@ -200,7 +203,15 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.COURSE: noise.gnss_course_m_s,
         Parameter.BARO: noise.barometer_m,
         Parameter.BARO_WALK: noise.barometer_walk,
-        Parameter.HEADING: noise.heading_rad,
+        Parameter.COLOUR: noise.gnss_colour,
+        Parameter.COLOUR_TIME: noise.gnss_colour_time_s,
+        Parameter.MAGNETOMETER: noise.magnetometer_t,
+        Parameter.IRON: noise.magnetometer_bias_t,
+        Parameter.EARTH_FIELD: noise.earth_field_t,
+        Parameter.DELAY: noise.gnss_delay_initial_s,
+        Parameter.DELAY_WALK: noise.gnss_delay_walk,
+        Parameter.TRUNCATION: float(setup.autopilot == ARDUPILOT),
+        Parameter.REST: float(config.vehicle.use_rest),
         Parameter.ACCELERATION: noise.acceleration_m_s2,
         Parameter.ACCELERATION_TIME: noise.acceleration_time_s,
         Parameter.LIMIT_1: limit(gates.false_rejection, 1),

@@ -15,8 +15,12 @@ STRIDE = 16  # events between snapshots
 # The cursor: whole numbers that a live run keeps beside its arrays.
 EVENTS, FOLDED, LAST_SLOT, POSES, LATE = range(5)
 CURSOR_SIZE = 5
-NEWEST_IMU, NEWEST = 0, 1  # times (s) kept beside it
-MARKS_SIZE = 2
+NEWEST_IMU, NEWEST, FORGOTTEN = (
+    0,
+    1,
+    2,
+)  # times (s) kept beside it: newest sample of each, and up to where the history was dropped
+MARKS_SIZE = 3
 
 
 @compiled
@@ -90,8 +94,9 @@ def insert(events, n, e):
 
 @compiled
 def forget_old(events, snapshots, cursor):
-    """Drop the older half of a full history, in whole strides."""
+    """Drop the older half of a full history, in whole strides; returns the time of the last that was dropped."""
     drop = (cursor[EVENTS] // 2 // STRIDE) * STRIDE
+    last = events[drop - 1, TIME]
     for k in range(cursor[EVENTS] - drop):
         events[k, :] = events[k + drop]
     moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
@@ -99,6 +104,7 @@ def forget_old(events, snapshots, cursor):
         snapshots[k, :] = snapshots[k + drop // STRIDE]
     cursor[EVENTS] -= drop
     cursor[FOLDED] -= drop
+    return last
 
 
 @compiled
@@ -117,7 +123,8 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
 
     events (capacity, EVENT_WIDTH) and snapshots (capacity / STRIDE + 1, STATE_SIZE) hold the history; cursor and marks go with them.
     Writes a pose row for each newest IMU sample of a new output interval. An event older than the newest by more than
-    the window is counted and dropped. Returns the index to go on from and the number of pose rows (stops where a buffer might overflow).
+    the window, or than what is left of the history, is counted and dropped. Returns the index to go on from and the
+    number of pose rows (stops where a buffer might overflow).
     """
     count = 0
     counts = out[2]
@@ -127,7 +134,7 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
             break
         e = arrived[i]
         i += 1
-        if e[TIME] < marks[NEWEST] - window:
+        if e[TIME] < marks[NEWEST] - window or e[TIME] <= marks[FORGOTTEN]:
             cursor[LATE] += 1
             continue
         makes_pose = publishes(e, marks[NEWEST_IMU], c) and not e[TIME] <= marks[NEWEST_IMU]
@@ -135,7 +142,7 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
         if int(e[KIND]) == IMU_KIND and not e[TIME] <= marks[NEWEST_IMU]:
             marks[NEWEST_IMU] = e[TIME]
         if cursor[EVENTS] >= events.shape[0]:
-            forget_old(events, snapshots, cursor)
+            marks[FORGOTTEN] = forget_old(events, snapshots, cursor)
         place = insert(events, cursor[EVENTS], e)
         cursor[EVENTS] += 1
         if place < cursor[FOLDED]:

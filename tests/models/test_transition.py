@@ -18,7 +18,7 @@ from mavkf.models.strapdown import BA, BARO, BG, HEIGHT, LATITUDE, LONGITUDE, TO
 
 Array = np.ndarray
 # A step of finite differences for each error state (rad, m/s, m, rad/s, m/s^2, m): large enough for an ulp of latitude, 1.4e-9 m.
-EPSILON = np.array([1e-3] * 3 + [1.0] * 3 + [10.0] * 3 + [0.1] * 3 + [1.0] * 3 + [1.0])
+EPSILON = np.array([1e-3] * 3 + [1.0] * 3 + [10.0] * 3 + [0.1] * 3 + [1.0] * 3 + [1.0] * (N - 15))
 ULP = 3e-9  # m
 BLOCKS = {"theta": slice(0, 3), "v": slice(3, 6), "p": slice(6, 9), "dbg": slice(9, 12), "dba": slice(12, 15)}
 

@@ -106,10 +106,6 @@ def test_a_lasting_jump_ends_in_one_reset_with_its_size(rows: Array, jump: float
     assert not np.any(flagged(after, Flag.GNSS_REFUSED))
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="`agrees` allows 3 sigma of one fix: of two fixes with white noise of the claimed sigma one pair in 25 disagrees",
-)
 def test_a_lasting_jump_is_followed_after_the_configured_time(rows: Array) -> None:
     moved = rows.copy()
     moved[(rows[:, KIND] == Kind.GNSS) & (rows[:, TIME] > 120.0), LATITUDE] += 60.0 / RADII[0]

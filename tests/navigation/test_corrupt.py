@@ -49,34 +49,15 @@ def corrupted(count: int, seed: int, kinds: tuple[Kind, ...]) -> Array:
     return rows
 
 
-WRECKED = pytest.mark.xfail(strict=True, reason="values of a sample are not checked before the fold")
-
-
-def cases(values: tuple[float, ...], wrecked: dict[Kind, set[str]]) -> list:
-    """Every kind with every value; those that are known to wreck the estimate are marked."""
-    return [
-        pytest.param(
-            kind, value, marks=WRECKED if str(value) in wrecked.get(kind, ()) else (), id=f"{kind.name}-{value}"
-        )
-        for kind in VALUES
-        for value in values
-    ]
-
-
-@pytest.mark.parametrize(
-    "kind",
-    [pytest.param(kind, marks=WRECKED if kind in (Kind.IMU, Kind.GNSS) else (), id=kind.name) for kind in VALUES],
-)
+@pytest.mark.parametrize("kind", list(VALUES), ids=[kind.name for kind in VALUES])
 @settings(max_examples=15, derandomize=True)
 @given(count=st.sampled_from([1, 5, 40]), seed=st.integers(0, 2**32 - 1))
 def test_any_corrupt_values(kind: Kind, count: int, seed: int) -> None:
     check(corrupted(count, seed, (kind,)))
 
 
-HUGE = {"nan", "inf", "-inf", "1000000000.0", "-1000000000.0", "1e+30", "1e+200", "-1e+308"}
-
-
-@pytest.mark.parametrize(("kind", "value"), cases(BAD, {Kind.IMU: HUGE, Kind.GNSS: {"1e+200"}}))
+@pytest.mark.parametrize("value", BAD)
+@pytest.mark.parametrize("kind", list(VALUES), ids=[kind.name for kind in VALUES])
 def test_one_corrupt_sample_is_got_over(kind: Kind, value: float) -> None:
     """Every value of one sample in flight is bad; four seconds later the estimate is as good as ever."""
     rows = FLIGHT.copy()
@@ -88,7 +69,8 @@ def test_one_corrupt_sample_is_got_over(kind: Kind, value: float) -> None:
     assert position_error(poses[-1:])[0] < 3.0
 
 
-@pytest.mark.parametrize(("kind", "value"), cases((np.nan, np.inf, 1e9), {Kind.IMU: {"nan", "inf", "1000000000.0"}}))
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e9])
+@pytest.mark.parametrize("kind", list(VALUES), ids=[kind.name for kind in VALUES])
 def test_a_first_sample_that_is_corrupt_spoils_nothing(kind: Kind, value: float) -> None:
     rows = FLIGHT.copy()
     i = int(np.flatnonzero(rows[:, KIND] == kind)[0])
@@ -98,7 +80,6 @@ def test_a_first_sample_that_is_corrupt_spoils_nothing(kind: Kind, value: float)
     assert position_error(poses[-1:])[0] < 3.0
 
 
-@WRECKED
 def test_the_first_pressure_after_the_first_position_may_be_corrupt() -> None:
     rows = FLIGHT.copy()
     some = (rows[:, KIND] == Kind.BAROMETER) & (rows[:, TIME] < 101.5)

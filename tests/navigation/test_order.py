@@ -172,9 +172,6 @@ def test_a_full_history_forgets_its_older_half_and_nothing_else(rows: Array, bat
     assert differences(state, batch.state) == []
 
 
-@pytest.mark.xfail(
-    strict=True, reason="older than the history, but not than the window: folded out of order, not counted"
-)
 def test_older_than_the_history_is_counted_and_dropped(rows: Array, batch: Offline) -> None:
     events = to_events(rows, batch.setup, 0)
     held = int(np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, TIME] > 120.0))[0])

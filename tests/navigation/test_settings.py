@@ -21,6 +21,7 @@ OTHER: dict[str, Any] = {
     "vehicle.magnetic_declination_deg": 5.0,
     "vehicle.use_magnetometer": "false",
     "vehicle.use_barometer": "false",
+    "vehicle.use_rest": "false",
     "gates.reset_s": 3.0,
     "gates.gap_s": 1.5,
     "model.strapdown_hz": 300.0,

@@ -1,0 +1,101 @@
+"""Judging and fusing one measurement, and the record that it leaves either way.
+
+`out` holds the output buffers: innovation rows, note rows, their two counts, the time of the last note of each code, and the numbers of
+the events on record: an event that is folded again after a late one does not tell its story twice.
+"""
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
+from mavkf.models.strapdown import DDELAY, N, retract
+from mavkf.navigation import layout as L
+from mavkf.navigation.layout import Parameter, Reason
+from mavkf.samples import SOURCE
+
+SLOWEST_FOR_DELAY = 0.05  # s between IMU samples, above which the GNSS delay is not learnt
+
+
+@compiled
+def note(out, code, start, end, size, a, b):
+    """Write a note row, unless one of this code was written for this time or a later one (the event is folded again)."""
+    notes, counts, written = out[1], out[2], out[3]
+    if end > written[code.value] and counts[1] < notes.shape[0]:
+        written[code.value] = end
+        row = notes[counts[1]]
+        row[L.NOTE_CODE] = code.value
+        row[L.NOTE_START] = start
+        row[L.NOTE_END] = end
+        row[L.NOTE_SIZE] = size
+        row[L.NOTE_A] = a
+        row[L.NOTE_B] = b
+        counts[1] += 1
+
+
+@compiled
+def record(out, e, t, sensor, r, S, nis, limit, reason):
+    """Write an innovation row, unless this event has left one for this sensor already (it is folded again)."""
+    rows, counts, recorded = out[0], out[2], out[4]
+    slot = (L.SENSORS * int(e[L.EVENT_ID]) + sensor.value) % recorded.shape[0]
+    if recorded[slot] != e[L.EVENT_ID] and counts[0] < rows.shape[0]:
+        recorded[slot] = e[L.EVENT_ID]
+        row = rows[counts[0]]
+        row[:] = 0.0
+        m = r.shape[0]
+        row[L.I_TIME] = t
+        row[L.I_SENSOR] = sensor.value
+        row[L.I_SOURCE] = e[SOURCE]
+        row[L.I_SIZE] = m
+        for i in range(m):
+            row[L.I_R + i] = r[i]
+            for j in range(m):
+                row[L.I_S + m * i + j] = S[i, j]
+        row[L.I_NIS] = nis
+        row[L.I_LIMIT] = limit
+        row[L.I_FUSED] = 1.0 if reason == Reason.FUSED else 0.0
+        row[L.I_REASON] = reason.value
+        counts[0] += 1
+
+
+@compiled
+def fuse(s, e, c, out, sensor, r, H, R, suspect):
+    """Judge and fuse one vector; returns its NIS, or -1 where it was not fused.
+
+    r: (m,), H: (m, N), R: (m, m); `suspect`: a Reason against it, or Reason.FUSED.
+    """
+    m = r.shape[0]
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    PHt = np.empty((N, m))
+    S = np.empty((m, m))
+    inverse = np.empty((m, m))
+    innovation_covariance(P, H, R, PHt, S)
+    limit = c[Parameter.LIMIT_1 + m - 1]
+    nis = np.nan
+    reason = suspect
+    if not invert(S, inverse):
+        reason = Reason.SINGULAR
+    else:
+        nis = quadratic(inverse, r)
+        # a NaN fails the comparison and is refused like an outlier
+        if reason == Reason.FUSED and not nis <= limit:
+            reason = Reason.GATE
+    record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
+    if reason != Reason.FUSED:
+        return -1.0
+    dx = np.empty(N)
+    # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
+    considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_DELAY else -1
+    correct(P, H, R, PHt, inverse, r, dx, considered)
+    retract(s[L.X : L.P], dx)
+    return nis
+
+
+@compiled
+def forget(s, first, count, variance):
+    """Cut error states first..first+count loose from all others and give each this variance."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    for i in range(first, first + count):
+        for j in range(N):
+            P[i, j] = 0.0
+            P[j, i] = 0.0
+        P[i, i] = variance

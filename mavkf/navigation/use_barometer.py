@@ -1,0 +1,44 @@
+"""The barometer in the fold: a height with a slowly wandering bias."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models import barometer
+from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS, N
+from mavkf.navigation import layout as L
+from mavkf.navigation.fusing import fuse
+from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.samples import PRESSURE
+
+
+@compiled
+def use_barometer(s, e, c, out):
+    """Fuse a pressure; the first one after a position was found sets the bias."""
+    if s[L.POSITION_KNOWN] == 0.0 or c[Parameter.USE_BAROMETER] == 0.0:
+        return
+    if e[PRESSURE] <= 0.0 or (math.isfinite(s[L.T_BAROMETER]) and not s[L.T] > s[L.T_BAROMETER] + 1e-6):
+        s[L.DUPLICATES] += 1.0
+        return
+    x = s[L.X : L.P]
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    height = barometer.pressure_height(e[PRESSURE])
+    s[L.T_BAROMETER] = s[L.T]
+    sigma = c[Parameter.BARO]
+    if s[L.BAROMETER_KNOWN] == 0.0:
+        # bias = pressure height - height: it carries the error of the height it is measured against (dp is down)
+        x[BARO] = height - x[HEIGHT]
+        for j in range(N):
+            P[DBARO, j] = P[POS + 2, j]
+            P[j, DBARO] = P[POS + 2, j]
+        P[DBARO, DBARO] = P[POS + 2, POS + 2] + sigma * sigma
+        s[L.BAROMETER_KNOWN] = 1.0
+        return
+    r = np.empty(1)
+    H = np.empty((1, N))
+    R = np.empty((1, 1))
+    r[0] = height - barometer.predict(x)
+    barometer.jacobian(H)
+    R[0, 0] = sigma * sigma
+    fuse(s, e, c, out, Sensor.BAROMETER, r, H, R, Reason.FUSED)

@@ -1,0 +1,281 @@
+"""GNSS in the fold: the first position, a fix on a known one, refusals and resets, and what the innovations teach of its noise."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models import gnss
+from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, VEL, N, V, offset
+from mavkf.navigation import layout as L
+from mavkf.navigation.fusing import forget, fuse, note
+from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.samples import FIX as FIX_TYPE
+from mavkf.samples import (
+    HEIGHT_AMSL,
+    HEIGHT_ELLIPSOID,
+    SIGMA_HORIZONTAL,
+    SIGMA_SPEED,
+    SIGMA_VERTICAL,
+    TIME,
+    VELOCITY_D,
+    VELOCITY_E,
+    VELOCITY_N,
+)
+from mavkf.samples import LATITUDE as FIX_LATITUDE
+from mavkf.samples import LONGITUDE as FIX_LONGITUDE
+
+FIXES_TO_START = 3
+FIX_3D = 3
+LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
+COLOUR_LEARNING = 0.04
+UNCOLOURED = 0.1  # correlation that a white noise assumed too large makes by itself
+LEAST_SCALE, MOST_SCALE = 0.02, 25.0  # of a learnt variance against what is claimed
+LEAST_IMU_SCALE = 0.3  # the floor of the GNSS velocity's noise makes innovations small that do not speak for the IMU
+MOST_COLOUR = 8.0  # times the floor of the coloured sigma
+
+
+@compiled
+def claimed(e, column, default):
+    """One sigma of a fix as the receiver claims it in a column of the row, or the default."""
+    sigma = e[column]
+    return sigma if sigma > 0.0 else default
+
+
+@compiled
+def set_colour(s, e, c):
+    """The least sigma of the coloured error that this fix's claim allows: it cannot be seen in the innovations, so it follows the claim."""
+    share = c[Parameter.COLOUR]
+    s[L.COLOUR_FLOOR] = share * claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
+    s[L.COLOUR_FLOOR + 1] = share * claimed(e, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
+    for i in range(2):
+        s[L.COLOUR + i] = max(s[L.COLOUR + i], s[L.COLOUR_FLOOR + i])
+
+
+@compiled
+def white_variance(s, e, c, vertical):
+    """Variance (m^2) of the white part of a fix: what is claimed, scaled by what was learnt, not below the floor."""
+    if vertical:
+        sigma = claimed(e, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
+        return max(sigma * sigma * s[L.SCALE_POSITION + 1], c[Parameter.GNSS_FLOOR] ** 2)
+    sigma = claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
+    return max(sigma * sigma * s[L.SCALE_POSITION], c[Parameter.GNSS_FLOOR] ** 2)
+
+
+@compiled
+def set_position(s, c, e):
+    """Take position and, where it is given, velocity from a fix, with the fix's covariance: p = fix - e - white."""
+    x = s[L.X : L.P]
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    x[LATITUDE] = e[FIX_LATITUDE]
+    x[LONGITUDE] = e[FIX_LONGITUDE]
+    x[HEIGHT] = e[HEIGHT_AMSL]
+    set_colour(s, e, c)
+    for i in range(3):
+        colour = s[L.COLOUR + i // 2] ** 2
+        forget(s, POS + i, 1, white_variance(s, e, c, i == 2) + colour)
+        forget(s, DGNSS + i, 1, colour)
+        P[POS + i, DGNSS + i] = -colour
+        P[DGNSS + i, POS + i] = -colour
+        x[GNSS + i] = 0.0
+    known = math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])
+    x[V] = e[VELOCITY_N] if known else 0.0
+    x[V + 1] = e[VELOCITY_E] if known else 0.0
+    x[V + 2] = e[VELOCITY_D] if math.isfinite(e[VELOCITY_D]) else 0.0
+    # one second of the vehicle's usual acceleration covers a course that lags
+    for i in range(3):
+        forget(s, VEL + i, 1, (1.0 if known else 10.0) ** 2)
+    P[VEL + 2, VEL + 2] = 1.0 if math.isfinite(e[VELOCITY_D]) else 4.0
+    s[L.BAROMETER_KNOWN] = 0.0
+    s[L.T_POSITION] = s[L.T]
+    s[L.REFUSED_SINCE] = np.nan
+    s[L.REFUSED_COUNT] = 0.0
+
+
+@compiled
+def agrees(latitude, longitude, height, vn, ve, dt, e, c):
+    """Whether a fix lies where an earlier one and the velocity between them say, within what receivers do."""
+    d = np.empty(3)
+    offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], latitude, longitude, height, d)
+    mean_n = 0.5 * (vn + e[VELOCITY_N]) if math.isfinite(e[VELOCITY_N]) else 0.0
+    mean_e = 0.5 * (ve + e[VELOCITY_E]) if math.isfinite(e[VELOCITY_E]) else 0.0
+    sigma = claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
+    # of the difference of two fixes, each off by one sigma on each axis: beyond this once in a hundred thousand
+    tolerance = 5.0 * math.sqrt(2.0) * sigma + 0.5 * c[Parameter.ACCELERATION] * dt * dt + 2.0 * dt
+    return math.hypot(d[0] - mean_n * dt, d[1] - mean_e * dt) <= tolerance and abs(d[2]) <= 3.0 * tolerance + 10.0 * dt
+
+
+@compiled
+def start_position(s, e, c, out):
+    """Count fixes that agree with each other; with enough of them position and velocity begin. Returns whether they did."""
+    dt = s[L.T] - s[L.T_PREVIOUS_FIX]
+    lat, lon, h = s[L.FIX], s[L.FIX + 1], s[L.FIX + 2]
+    vn = e[VELOCITY_N] if math.isfinite(e[VELOCITY_N]) else 0.0
+    ve = e[VELOCITY_E] if math.isfinite(e[VELOCITY_E]) else 0.0
+    if s[L.FIX_COUNT] > 0 and dt < 5.0 and agrees(lat, lon, h, vn, ve, dt, e, c):
+        s[L.FIX_COUNT] += 1.0
+    else:
+        s[L.FIX_COUNT] = 1.0
+    if s[L.FIX_COUNT] < FIXES_TO_START:
+        return False
+    set_position(s, c, e)
+    s[L.POSITION_KNOWN] = 1.0
+    if not math.isfinite(s[L.ORIGIN_LATITUDE]):
+        s[L.ORIGIN_LATITUDE] = e[FIX_LATITUDE]
+        s[L.ORIGIN_LONGITUDE] = e[FIX_LONGITUDE]
+        s[L.ORIGIN_HEIGHT] = e[HEIGHT_AMSL]
+    sigma = claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
+    note(out, NoteCode.POSITION_FOUND, s[L.T], s[L.T], sigma, s[L.FIX_COUNT], e[FIX_TYPE])
+    return True
+
+
+@compiled
+def refuse_or_reset(s, e, c, out):
+    """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them."""
+    vn = e[VELOCITY_N] if math.isfinite(e[VELOCITY_N]) else 0.0
+    ve = e[VELOCITY_E] if math.isfinite(e[VELOCITY_E]) else 0.0
+    k = L.REFUSED
+    dt = s[L.T] - s[L.T_PREVIOUS_FIX]
+    if not (s[L.REFUSED_COUNT] > 0 and agrees(s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4], dt, e, c)):
+        s[L.REFUSED_SINCE] = s[L.T]
+        s[L.REFUSED_COUNT] = 0.0
+    s[L.REFUSED_COUNT] += 1.0
+    s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], vn, ve
+    if s[L.T] - s[L.REFUSED_SINCE] >= c[Parameter.RESET] and s[L.REFUSED_COUNT] >= FIXES_TO_START:
+        d = np.empty(3)
+        offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[LATITUDE], s[LONGITUDE], s[HEIGHT], d)
+        size = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        note(out, NoteCode.POSITION_RESET, s[L.REFUSED_SINCE], s[L.T], size, s[L.REFUSED_COUNT], d[2])
+        set_position(s, c, e)
+
+
+@compiled
+def use_gnss(s, e, c, out):
+    """Fuse a fix: its position as a vector of three, its velocity as one of two or three."""
+    if not e[FIX_TYPE] >= FIX_3D:
+        s[L.NO_FIX] += 1.0
+        return
+    if not e[TIME] > s[L.T_FIX] + 1e-6 and math.isfinite(s[L.T_FIX]):
+        s[L.DUPLICATES] += 1.0
+        return
+    s[L.T_PREVIOUS_FIX] = s[L.T_FIX]
+    s[L.T_FIX] = e[TIME]
+    if math.isfinite(e[HEIGHT_ELLIPSOID]):
+        s[L.UNDULATION] = e[HEIGHT_ELLIPSOID] - e[HEIGHT_AMSL]
+    if not math.isfinite(s[L.DECLINATION]):
+        north, east, down = e[L.FIELD_N], e[L.FIELD_N + 1], e[L.FIELD_N + 2]
+        if math.isfinite(c[Parameter.DECLINATION]):
+            s[L.DECLINATION] = c[Parameter.DECLINATION]
+        elif math.isfinite(north):
+            s[L.DECLINATION] = math.atan2(east, north)
+        s[L.STRENGTH] = math.sqrt(north * north + east * east + down * down)
+        if math.isfinite(north) and math.isfinite(s[L.DECLINATION]):
+            # of the model the strength and the dip, of the declination what is believed
+            horizontal = math.hypot(north, east)
+            s[EARTH_FIELD] = horizontal * math.cos(s[L.DECLINATION])
+            s[EARTH_FIELD + 1] = horizontal * math.sin(s[L.DECLINATION])
+            s[EARTH_FIELD + 2] = down
+    if s[L.POSITION_KNOWN] == 0.0:
+        start_position(s, e, c, out)
+    else:
+        fuse_fix(s, e, c, out)
+    s[L.FIX], s[L.FIX + 1], s[L.FIX + 2] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL]
+
+
+@compiled
+def learn(scale, nis, m, share, least):
+    """A variance scale after one NIS of m degrees: the gradient of its likelihood, weighted by the share R / S that is its doing."""
+    surprise = min(nis / m, 10.0) - 1.0
+    return min(max(scale * math.exp(LEARNING * share * surprise), least), MOST_SCALE)
+
+
+@compiled
+def learn_colour(s, r, S, axis, first, count):
+    """Let the sigma of the coloured error follow the correlation of successive position innovations, which is none where it is right."""
+    rho = 0.0
+    for i in range(first, first + count):
+        rho += r[i] * s[L.LAST_INNOVATION + i] / S[i]
+        s[L.LAST_INNOVATION + i] = r[i]
+    rho = min(max(rho / count, -3.0), 3.0)
+    floor = s[L.COLOUR_FLOOR + axis]
+    s[L.COLOUR + axis] = min(
+        max(s[L.COLOUR + axis] * math.exp(COLOUR_LEARNING * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor
+    )
+
+
+@compiled
+def fuse_fix(s, e, c, out):
+    """The two updates of a fix on a known position."""
+    x = s[L.X : L.P]
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    r = np.empty(3)
+    z_hat = np.empty(3)
+    H = np.empty((3, N))
+    R = np.zeros((3, 3))
+    S = np.empty(3)
+    a = s[L.ACCELERATION : L.ACCELERATION + 3]
+    set_colour(s, e, c)
+    offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], x[LATITUDE], x[LONGITUDE], x[HEIGHT], r)
+    gnss.predict_position(x, a, z_hat)
+    gnss.position_jacobian(x, a, H)
+    for i in range(3):
+        r[i] -= z_hat[i]
+        R[i, i] = white_variance(s, e, c, i == 2)
+        # the variance of one axis, near enough for learning: position and coloured error are what matters
+        S[i] = R[i, i] + P[POS + i, POS + i] + P[DGNSS + i, DGNSS + i] + 2.0 * P[POS + i, DGNSS + i]
+    nis = fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.FUSED)
+    if nis >= 0.0:
+        if s[L.OUTAGE] != 0.0:
+            s[L.OUTAGE] = 0.0
+            note(out, NoteCode.GNSS_BACK, s[L.T_POSITION], s[L.T], s[L.T] - s[L.T_POSITION], 0.0, 0.0)
+        s[L.T_POSITION] = s[L.T]
+        s[L.REFUSED_SINCE] = np.nan
+        s[L.REFUSED_COUNT] = 0.0
+        horizontal = 0.5 * (r[0] * r[0] / S[0] + r[1] * r[1] / S[1])
+        s[L.SCALE_POSITION] = learn(s[L.SCALE_POSITION], horizontal, 1, R[0, 0] / S[0], LEAST_SCALE)
+        s[L.SCALE_POSITION + 1] = learn(s[L.SCALE_POSITION + 1], r[2] * r[2] / S[2], 1, R[2, 2] / S[2], LEAST_SCALE)
+        learn_colour(s, r, S, 0, 0, 2)
+        learn_colour(s, r, S, 1, 2, 1)
+    else:
+        refuse_or_reset(s, e, c, out)
+    fuse_velocity(s, e, c, out)
+
+
+@compiled
+def fuse_velocity(s, e, c, out):
+    """Fuse the velocity of a fix, as a vector of two or, where the message has the vertical one, three."""
+    x = s[L.X : L.P]
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    vn, ve, vd = e[VELOCITY_N], e[VELOCITY_E], e[VELOCITY_D]
+    if not (math.isfinite(vn) and math.isfinite(ve)):
+        return
+    m = 3 if math.isfinite(vd) else 2
+    r = np.empty(3)
+    z_hat = np.empty(3)
+    H = np.empty((3, N))
+    R = np.zeros((3, 3))
+    a = s[L.ACCELERATION : L.ACCELERATION + 3]
+    sigma = claimed(e, SIGMA_SPEED, c[Parameter.SPEED])
+    # the claim is for white noise; part of the error lingers from fix to fix, so it has a floor
+    variance = max(sigma * sigma * s[L.SCALE_VELOCITY], c[Parameter.SPEED_FLOOR] ** 2)
+    speed = math.hypot(vn, ve)
+    # a slow receiver does not know its course, and some hold the last one
+    across = (c[Parameter.COURSE] / (1.0 + speed)) ** 2
+    un, ue = (vn / speed, ve / speed) if speed > 0.0 else (0.0, 0.0)
+    R[0, 0] = variance + across * (1.0 - un * un)
+    R[1, 1] = variance + across * (1.0 - ue * ue)
+    R[0, 1] = -across * un * ue
+    R[1, 0] = R[0, 1]
+    R[2, 2] = 2.25 * variance
+    gnss.predict_velocity(x, a, z_hat)
+    gnss.velocity_jacobian(x, a, H)
+    r[0] = vn - z_hat[0]
+    r[1] = ve - z_hat[1]
+    r[2] = vd - z_hat[2]
+    share = variance / (variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
+    nis = fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R[:m, :m].copy(), Reason.FUSED)
+    if nis >= 0.0:
+        s[L.T_VELOCITY] = s[L.T]
+        s[L.SCALE_VELOCITY] = learn(s[L.SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
+        if s[L.STRAPDOWN] != 0.0:
+            s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)

@@ -1,0 +1,101 @@
+"""What is known without a sensor: which way gravity points, and that a vehicle standing still stands still."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models.earth import STANDARD_GRAVITY
+from mavkf.models.rotation import rotation_matrix
+from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, N, Q, V
+from mavkf.navigation import layout as L
+from mavkf.navigation.fusing import fuse
+from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.samples import GYRO_RESOLUTION
+
+LEVEL_PERIOD = 0.1  # s between levelling updates
+LEVEL_QUIET = 0.3  # m/s^2: acceleration of a vehicle that seems to be still
+LEVEL_MOVING = 1.5  # m/s^2: and of one that is known to move
+REST_PERIOD = 0.2  # s between updates at rest
+REST_AFTER = 1.0  # s without a sign of motion
+# Signs of motion: a gust on the parked vehicle stays below, rotors do not. rad/s, (rad/s)^2 and (m/s^2)^2 of sample differences per axis.
+REST_RATE, REST_GYRO, REST_ACCEL = 0.03, 0.01**2, 0.15**2
+REST_VELOCITY = 0.02  # m/s
+REST_GYRO_NOISE = 1e-3  # rad/s
+REST_COUNTS = 300.0  # updates in which the rounding to whole counts stays the same
+
+
+@compiled
+def level(s, e, c, out):
+    """Level by gravity while the velocity is not carried by the accelerometer: the specific force is -g but for the acceleration.
+
+    r = (C_nb f_b) horizontal, f_n about (0, 0, -g), so H = [f_n x] on dtheta. The unknown acceleration lasts, so its variance is
+    spread over its time constant.
+    """
+    x = s[L.X : L.P]
+    if not s[L.T] >= s[L.T_GRAVITY] + LEVEL_PERIOD - 1e-6 and math.isfinite(s[L.T_GRAVITY]):
+        return
+    since = s[L.T] - s[L.T_GRAVITY] if math.isfinite(s[L.T_GRAVITY]) else LEVEL_PERIOD
+    s[L.T_GRAVITY] = s[L.T]
+    C = np.empty((3, 3))
+    rotation_matrix(x[Q : Q + 4], C)
+    f = np.empty(3)
+    for i in range(3):
+        f[i] = s[L.IMU + 3 + i] - x[BA + i]
+    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    r = np.empty(2)
+    for i in range(2):
+        r[i] = C[i, 0] * f[0] + C[i, 1] * f[1] + C[i, 2] * f[2]
+    H = np.zeros((2, N))
+    H[0, THETA + 1] = STANDARD_GRAVITY
+    H[1, THETA] = -STANDARD_GRAVITY
+    for i in range(2):
+        for j in range(3):
+            H[i, DBA + j] = C[i, j]
+    moving = s[L.POSITION_KNOWN] != 0.0 and math.hypot(x[V], x[V + 1]) > 1.0
+    variance = LEVEL_QUIET**2 + (size - STANDARD_GRAVITY) ** 2 + s[L.DIFFERENCE_ACCEL]
+    if moving:
+        variance += LEVEL_MOVING**2
+    R = np.zeros((2, 2))
+    R[0, 0] = variance * max(1.0, c[Parameter.ACCELERATION_TIME] / max(since, 1e-3))
+    R[1, 1] = R[0, 0]
+    fuse(s, e, c, out, Sensor.GRAVITY, r, H, R, Reason.FUSED)
+
+
+@compiled
+def rest(s, e, c, out, gyro, accel):
+    """At rest (disarmed, and no sign of motion for a while) the velocity is zero, the attitude stays and the gyro shows its bias.
+
+    gyro, accel: mean squared differences of this sample and the one before, per axis. A hovering vehicle is armed, however smooth it is.
+    """
+    rate = 0.0
+    for i in range(3):
+        rate += s[L.RATE + i] ** 2
+    moving = s[L.ARMED] != 0.0 or not rate < REST_RATE**2 or not gyro < REST_GYRO or not accel < REST_ACCEL
+    if moving or not math.isfinite(s[L.REST_SINCE]):
+        s[L.REST_SINCE] = s[L.T] if not moving else np.nan
+        s[L.RESTING] = 0.0
+        return
+    if s[L.T] - s[L.REST_SINCE] < REST_AFTER:
+        return
+    s[L.RESTING] = 1.0
+    if s[L.T] < s[L.T_REST] + REST_PERIOD - 1e-6:
+        return
+    s[L.T_REST] = s[L.T]
+    x = s[L.X : L.P]
+    r = np.empty(3)
+    H = np.zeros((3, N))
+    R = np.zeros((3, 3))
+    if s[L.POSITION_KNOWN] != 0.0:
+        for i in range(3):
+            r[i] = -x[V + i]
+            H[i, VEL + i] = 1.0
+            R[i, i] = REST_VELOCITY**2
+        fuse(s, e, c, out, Sensor.REST_VELOCITY, r, H, R, Reason.FUSED)
+    for i in range(3):
+        r[i] = s[L.IMU + i] - x[BG + i]
+        for j in range(N):
+            H[i, j] = 0.0
+        H[i, DBG + i] = 1.0
+        R[i, i] = REST_GYRO_NOISE**2 + REST_COUNTS * e[GYRO_RESOLUTION] ** 2 / 12.0
+    fuse(s, e, c, out, Sensor.REST_RATE, r, H, R, Reason.FUSED)

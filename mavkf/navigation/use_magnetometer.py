@@ -1,0 +1,120 @@
+"""The magnetometer in the fold: the first heading, then the field as a vector with the earth's field and the vehicle's own as states."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models import magnetometer
+from mavkf.models.rotation import rotate_left, rotation_matrix, wrap_angle
+from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, THETA, N, Q
+from mavkf.navigation import layout as L
+from mavkf.navigation.fusing import forget, fuse, note
+from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.samples import FIELD, TIME
+
+PERIOD = 0.08  # s between updates: the field's error is the same in samples closer together
+STRENGTH_MINIMUM, STRENGTH_MAXIMUM = (
+    1.5e-5,
+    9e-5,
+)  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
+YAW_START = 0.5  # rad: one sigma of the first heading, before the field as a vector says how good it is
+AGE_JITTER = 0.02  # s: how well the age of the field is known
+RELEARN_AFTER = 5.0  # s of refusals, after which the vehicle's own field is taken to have changed
+RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
+
+
+@compiled
+def use_magnetometer(s, e, c, out):
+    """Fuse a field that has changed; before yaw is known the bearing of the levelled field gives it."""
+    if s[L.ALIGNED] == 0.0 or c[Parameter.USE_MAGNETOMETER] == 0.0:
+        return
+    mx, my, mz = e[FIELD], e[FIELD + 1], e[FIELD + 2]
+    k = L.FIELD
+    s[L.T_FIELD] = e[TIME]
+    # a held value is older than its stamp says; only the first heading may come from one, for want of a better
+    if s[L.YAW_KNOWN] != 0.0 and mx == s[k] and my == s[k + 1] and mz == s[k + 2]:
+        s[L.DUPLICATES] += 1.0
+        return
+    s[k], s[k + 1], s[k + 2] = mx, my, mz
+    if not math.isfinite(s[L.DECLINATION]) or s[L.T] < s[L.T_MAGNETOMETER] + PERIOD:
+        return
+    strength = math.sqrt(mx * mx + my * my + mz * mz)
+    disturbed = not STRENGTH_MINIMUM < strength < STRENGTH_MAXIMUM
+    x = s[L.X : L.P]
+    C = np.empty((3, 3))
+    rotation_matrix(x[Q : Q + 4], C)
+    if s[L.YAW_KNOWN] == 0.0:
+        if disturbed or not first_heading(s, C, mx, my, mz, out):
+            return
+        rotation_matrix(x[Q : Q + 4], C)
+    z_hat = np.empty(3)
+    r = np.empty(3)
+    H = np.empty((3, N))
+    R = np.zeros((3, 3))
+    magnetometer.predict(x, C, z_hat)
+    magnetometer.jacobian(x, C, H)
+    turning = 0.0
+    for i in range(3):
+        r[i] = e[FIELD + i] - z_hat[i]
+        turning += s[L.RATE + i] ** 2 if math.isfinite(s[L.RATE + i]) else 0.0
+    expected = s[L.STRENGTH] if math.isfinite(s[L.STRENGTH]) else strength
+    # a field of the wrong strength has a wrong direction too; a turning vehicle shows the direction of a while ago
+    variance = (
+        c[Parameter.MAGNETOMETER] ** 2 + (AGE_JITTER * strength) ** 2 * turning + (0.3 * (strength - expected)) ** 2
+    )
+    for i in range(3):
+        R[i, i] = variance
+    s[L.T_MAGNETOMETER] = s[L.T]
+    nis = fuse(s, e, c, out, Sensor.MAGNETOMETER, r, H, R, Reason.DISTURBED if disturbed else Reason.FUSED)
+    if nis >= 0.0:
+        s[L.FIELD_REFUSED_SINCE] = np.nan
+    elif not math.isfinite(s[L.FIELD_REFUSED_SINCE]):
+        s[L.FIELD_REFUSED_SINCE] = s[L.T]
+    elif s[L.T] - s[L.FIELD_REFUSED_SINCE] > RELEARN_AFTER and not disturbed:
+        size = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+        note(out, NoteCode.MAGNETOMETER_RELEARNT, s[L.FIELD_REFUSED_SINCE], s[L.T], size, 0.0, 0.0)
+        for i in range(3):
+            x[IRON + i] += r[i]
+            forget(s, DIRON + i, 1, RELEARN**2)
+        s[L.FIELD_REFUSED_SINCE] = np.nan
+
+
+@compiled
+def turn_tilt(s, turn):
+    """Turn the tilt's part of P about down by an angle (rad): the error of the same body axes, seen from another north."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    c, d = math.cos(turn), math.sin(turn)
+    for j in range(N):
+        north, east = P[THETA, j], P[THETA + 1, j]
+        P[THETA, j] = c * north - d * east
+        P[THETA + 1, j] = d * north + c * east
+    for j in range(N):
+        north, east = P[j, THETA], P[j, THETA + 1]
+        P[j, THETA] = c * north - d * east
+        P[j, THETA + 1] = d * north + c * east
+
+
+@compiled
+def first_heading(s, C, mx, my, mz, out):
+    """Turn the attitude so that the levelled field points along the declination; returns whether that could be done."""
+    x = s[L.X : L.P]
+    north = C[0, 0] * mx + C[0, 1] * my + C[0, 2] * mz
+    east = C[1, 0] * mx + C[1, 1] * my + C[1, 2] * mz
+    down = C[2, 0] * mx + C[2, 1] * my + C[2, 2] * mz
+    horizontal = math.hypot(north, east)
+    strength = math.hypot(horizontal, down)
+    if horizontal < 0.05 * strength:
+        return False  # the field points into the ground
+    turn = wrap_angle(s[L.DECLINATION] - math.atan2(east, north))
+    rotate_left(x[Q : Q + 4], 0.0, 0.0, turn)
+    turn_tilt(s, turn)
+    forget(s, THETA + 2, 1, YAW_START**2)
+    if not math.isfinite(s[L.STRENGTH]):
+        # no model of the field (the declination was given): what is measured is all that is known
+        x[EARTH_FIELD] = horizontal * math.cos(s[L.DECLINATION])
+        x[EARTH_FIELD + 1] = horizontal * math.sin(s[L.DECLINATION])
+        x[EARTH_FIELD + 2] = down
+    s[L.YAW_KNOWN] = 1.0
+    note(out, NoteCode.YAW_ALIGNED, s[L.T], s[L.T], abs(turn), s[L.DECLINATION], strength)
+    return True
