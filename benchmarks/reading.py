@@ -1,6 +1,6 @@
 """How much faster mavkf reads IMU, GNSS and pressure messages of a tlog than pymavlink's `recv_match`.
 
-    python -m benchmarks.reading [LOG]
+    python -m benchmarks reading [LOG]
 
 mavkf finds and checks every frame, repairs the stamps, and gives sample rows in SI; pymavlink gives message objects. Both
 run in turns in one process; the medians are compared. In its turn mavkf runs three times: its rows need fresh memory, and
@@ -10,10 +10,9 @@ how fast the system gives that depends on what ran before. Without LOG a log is 
 import os
 import statistics
 import struct
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 os.environ |= {"MAVLINK20": "1", "MAVLINK_DIALECT": "all"}
@@ -98,17 +97,13 @@ def compare(path: Path, runs: int = RUNS) -> float:
     return ratio
 
 
-def main() -> int:
+def main(arguments: Sequence[str]) -> int:
     """Compare on the log named on the command line, or on a synthetic one."""
-    if len(sys.argv) > 1:
-        compare(Path(sys.argv[1]))
+    if arguments:
+        compare(Path(arguments[0]))
         return 0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "synthetic.tlog"
         synthetic_log(path)
         compare(path)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
