@@ -226,7 +226,7 @@ def with_settings(config: Config, assignments: Iterable[str]) -> Config:
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         matches = [name for name in known if name == key or name.endswith("." + key)]
-        if not equals or len(matches) != 1:
+        if not equals or len(matches) != 1 or "\n" in text:
             raise UsageError(f"--set {assignment}: expected key=value with one of these keys: {', '.join(known)}")
         section, name = matches[0].split(".")
         try:

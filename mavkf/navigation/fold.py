@@ -460,7 +460,7 @@ def plausible(e):
         return 0.0 <= e[GYRO_RESOLUTION] < 1.0 and 0.0 <= e[ACCEL_RESOLUTION] < 10.0
     if kind == GNSS_KIND:
         if e[FIX] >= 3.0:
-            if not (abs(e[FIX_LATITUDE]) <= 0.5 * math.pi and abs(e[FIX_LONGITUDE]) <= 2.0 * math.pi):
+            if not (abs(e[FIX_LATITUDE]) <= POLE and abs(e[FIX_LONGITUDE]) <= 2.0 * math.pi):
                 return False
             if not abs(e[HEIGHT_AMSL]) < MOST_HEIGHT:
                 return False

@@ -50,10 +50,14 @@ PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerome
 
 
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
-    """The choices for one session. Sources are None where the first seconds had none; rates are those of the first seconds, Hz."""
+    """The choices for one session. Sources are None where nothing is known of them; rates are those of the first seconds, Hz.
+
+    imu_period: s, median between the samples of the first seconds; 0: no IMU.
+    """
 
     imu: Source | None
     imu_rate_hz: float
+    imu_period: float
     gnss: Source
     magnetometer: Source | None
     barometer: Source | None
@@ -109,6 +113,15 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
     return best, rates[best]
 
 
+def _period(rows: NDArray[np.float64], source: Source | None) -> float:
+    times = (
+        np.unique(rows[(rows[:, KIND] == Kind.IMU) & (rows[:, SOURCE] == source), TIME])
+        if source is not None
+        else np.empty(0)
+    )
+    return float(np.median(np.diff(times))) if times.size > 1 else 0.0
+
+
 def _names(sources: Iterable[Source]) -> str:
     return ", ".join(source.name for source in sources)
 
@@ -123,9 +136,9 @@ def _choose_gnss(rows: NDArray[np.float64]) -> Source:
     return next((source for source in GNSS_SOURCES if np.any(gnss[:, SOURCE] == source)), Source.GPS_RAW_INT)
 
 
-def _first_of(rows: NDArray[np.float64], kind: Kind, order: Iterable[Source]) -> Source | None:
+def _first_of(rows: NDArray[np.float64], kind: Kind, order: Iterable[Source], default: Source | None) -> Source | None:
     present = set(rows[rows[:, KIND] == kind, SOURCE])
-    return next((source for source in order if source in present), None)
+    return next((source for source in order if source in present), default)
 
 
 def _latest(rows: NDArray[np.float64], column: int) -> int | None:
@@ -168,9 +181,11 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     return Setup(
         imu=source,
         imu_rate_hz=rate,
+        imu_period=_period(rows, source),
         gnss=_choose_gnss(rows),
-        magnetometer=_first_of(rows, Kind.MAGNETOMETER, magnetometers),
-        barometer=_first_of(rows, Kind.BAROMETER, BAROMETER_ORDER),
+        # one that starts later comes most likely in these messages
+        magnetometer=_first_of(rows, Kind.MAGNETOMETER, magnetometers, source),
+        barometer=_first_of(rows, Kind.BAROMETER, BAROMETER_ORDER, Source.SCALED_PRESSURE),
         autopilot=autopilot,
         vehicle_type=_latest(rows, VEHICLE_TYPE),
         gnss_delay=delay(vehicle.gnss_delay_s, "gnss"),
@@ -222,7 +237,8 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.DECLINATION: math.nan if declination is None else math.radians(declination),
         Parameter.USE_MAGNETOMETER: float(config.vehicle.use_magnetometer),
         Parameter.USE_BAROMETER: float(config.vehicle.use_barometer),
-        Parameter.IMU_PERIOD: 1.0 / setup.imu_rate_hz if setup.imu_rate_hz > 0.0 else 0.0,
+        # to a power of two, so that it does not hang on which samples happened to arrive in the first seconds
+        Parameter.IMU_PERIOD: 2.0 ** round(math.log2(setup.imu_period)) if setup.imu_period > 0.0 else 0.0,
     }
     array = np.empty(PARAMETERS)
     for parameter, value in values.items():

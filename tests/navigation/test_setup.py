@@ -118,5 +118,7 @@ def test_magnetometer_of_the_chosen_imu_first() -> None:
     rows = np.concatenate([*fields, imu(Source.SCALED_IMU2, 100.0), imu(Source.RAW_IMU, 5.0)])
     assert choose(rows, Config()).magnetometer is Source.SCALED_IMU2
     assert choose(np.concatenate([*fields, imu(Source.SCALED_IMU3, 5.0)]), Config()).magnetometer is Source.RAW_IMU
-    assert choose(imu(Source.RAW_IMU, 5.0), Config()).magnetometer is None
+    # one that starts later is used, and looked for where it most likely comes
+    assert choose(imu(Source.RAW_IMU, 5.0), Config()).magnetometer is Source.RAW_IMU
+    assert choose(imu(Source.RAW_IMU, 5.0), Config()).barometer is Source.SCALED_PRESSURE
     assert choose(sensor(Kind.BAROMETER, Source.SCALED_PRESSURE3, 5.0), Config()).barometer is Source.SCALED_PRESSURE3
