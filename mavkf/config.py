@@ -71,6 +71,10 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     use_rest: Annotated[
         bool, Meta(description="whether standing still (disarmed, nothing moves) is used as zero velocity and rate")
     ] = True
+    use_motion_yaw: Annotated[
+        bool,
+        Meta(description="whether yaw may be found from GNSS velocity and acceleration where no magnetometer gives it"),
+    ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
 

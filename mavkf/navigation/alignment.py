@@ -6,7 +6,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models.earth import STANDARD_GRAVITY
-from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
+from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBARO, DBG, THETA, N, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, note
@@ -16,7 +16,7 @@ DURATION = 1.0  # s
 SAMPLES = 4  # a slow IMU takes longer
 # Still: what a vehicle on the ground shows, propellers off or idling.
 STILL_RATE, STILL_RATE_SPREAD, STILL_FORCE_SPREAD, STILL_FORCE = 0.05, 0.02, 0.3, 0.6  # rad/s, rad/s, m/s^2, m/s^2
-YAW_UNKNOWN = 3.0  # rad: one sigma that says nothing
+YAW_ARBITRARY = 0.01  # rad: one sigma about a heading that is arbitrary until yaw is found, so that levelling does not turn it
 GYRO_STILL = 2e-3  # rad/s: how well a still second tells the gyro bias, vibration and counts included
 GYRO_BIAS_LARGEST = 0.2  # rad/s: more is a rotation, not a bias
 
@@ -91,4 +91,24 @@ def set_covariance(s, c, still, unrest):
         for j in range(3):
             P[THETA + i, DBA + j] = sign * C[1 - i, j] * bias / STANDARD_GRAVITY
             P[DBA + j, THETA + i] = P[THETA + i, DBA + j]
-    P[THETA + 2, THETA + 2] = YAW_UNKNOWN**2
+    P[THETA + 2, THETA + 2] = YAW_ARBITRARY**2
+
+
+@compiled
+def turn_heading(s, turn, variance):
+    """Turn the attitude about down by an angle (rad) and give the heading this variance (rad^2), free of all else.
+
+    The tilt's part of P turns with it: it is the error of the same body axes, seen from another north.
+    """
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    rotate_left(s[Q : Q + 4], 0.0, 0.0, turn)
+    c, d = math.cos(turn), math.sin(turn)
+    for j in range(N):
+        north, east = P[THETA, j], P[THETA + 1, j]
+        P[THETA, j] = c * north - d * east
+        P[THETA + 1, j] = d * north + c * east
+    for j in range(N):
+        north, east = P[j, THETA], P[j, THETA + 1]
+        P[j, THETA] = c * north - d * east
+        P[j, THETA + 1] = d * north + c * east
+    forget(s, THETA + 2, 1, variance)

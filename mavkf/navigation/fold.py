@@ -44,6 +44,7 @@ from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
 from mavkf.navigation.use_magnetometer import use_magnetometer
+from mavkf.navigation.yaw_bank import predict_bank
 from mavkf.samples import (
     ACCEL_RESOLUTION,
     BASE_MODE,
@@ -210,6 +211,8 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
     else:
         constant_velocity.propagate(x, imu0, imu1, dt, average)
         constant_velocity.transition(x, average, dt, Phi)
+        if s[L.BANK_UPDATES] > 0.0:
+            predict_bank(s, imu0, imu1, dt)
         # white acceleration with the power of one that lasts its time constant: 2 sigma^2 tau
         accel = (
             2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME] if s[L.POSITION_KNOWN] != 0.0 else 0.0
@@ -234,6 +237,7 @@ def coast(s, c, t):
         return
     model = s[L.STRAPDOWN]
     s[L.STRAPDOWN] = 0.0
+    s[L.BANK_UPDATES] = 0.0  # the guesses have missed a motion
     still = np.zeros(6)
     still[0:3] = s[BG : BG + 3]
     steps = min(100, int(dt) + 1)

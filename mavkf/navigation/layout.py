@@ -62,9 +62,11 @@ _book = P + N * N
     FIELD_REFUSED_SINCE,
     SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
     SCALE_IMU,  # learnt noise density of the IMU, against what the samples show
+    BANK_UPDATES,  # of the yaw bank, 0: it is not running
+    BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 45)
-IMU = _book + 45  # last sample: omega_b, f_b
+) = range(_book, _book + 47)
+IMU = _book + 47  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
@@ -75,7 +77,9 @@ COLOUR = ACCELERATION + 3  # one sigma of the coloured GNSS error, horizontal an
 COLOUR_FLOOR = COLOUR + 2
 SCALE_POSITION = COLOUR_FLOOR + 2  # learnt variance of the white part of the GNSS position, horizontal and vertical
 LAST_INNOVATION = SCALE_POSITION + 2  # of the GNSS position, m
-PENDING = LAST_INNOVATION + 3
+GUESSES, GUESS = 12, 10  # of the yaw bank: hypotheses, and numbers for each
+BANK = LAST_INNOVATION + 3
+PENDING = BANK + GUESSES * GUESS
 PENDING_CAPACITY = 32
 STATE_SIZE = PENDING + PENDING_CAPACITY * EVENT_WIDTH
 
@@ -119,6 +123,7 @@ class Parameter(IntEnum):
     DELAY_WALK = 33
     TRUNCATION = 34
     REST = 35
+    USE_MOTION_YAW = 36
 
 
 PARAMETERS = len(Parameter)
@@ -217,6 +222,7 @@ class NoteCode(IntEnum):
     ARMED = 9
     DISARMED = 10
     MAGNETOMETER_RELEARNT = 11
+    YAW_FROM_MOTION = 12
 
 
 NOTE_CODES = len(NoteCode)

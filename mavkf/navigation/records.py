@@ -182,6 +182,11 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
             return {
                 "strapdown": bool(a)
             }, "strapdown navigation begins" if a else "strapdown navigation ends: constant velocity"
+        case NoteCode.YAW_FROM_MOTION:
+            return (
+                {},
+                f"heading found from the motion: GNSS velocity and acceleration agree, known to {math.degrees(size):.1f} deg",
+            )
         case NoteCode.MAGNETOMETER_RELEARNT:
             return (
                 {},

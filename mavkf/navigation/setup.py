@@ -227,6 +227,7 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.DELAY_WALK: noise.gnss_delay_walk,
         Parameter.TRUNCATION: float(setup.autopilot == ARDUPILOT),
         Parameter.REST: float(config.vehicle.use_rest),
+        Parameter.USE_MOTION_YAW: float(config.vehicle.use_motion_yaw),
         Parameter.ACCELERATION: noise.acceleration_m_s2,
         Parameter.ACCELERATION_TIME: noise.acceleration_time_s,
         Parameter.LIMIT_1: limit(gates.false_rejection, 1),

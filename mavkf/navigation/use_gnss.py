@@ -10,6 +10,7 @@ from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, L
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.yaw_bank import use_bank
 from mavkf.samples import FIX as FIX_TYPE
 from mavkf.samples import (
     HEIGHT_AMSL,
@@ -179,6 +180,7 @@ def use_gnss(s, e, c, out):
         start_position(s, e, c, out)
     else:
         fuse_fix(s, e, c, out)
+        use_bank(s, e, c, out)
     s[L.FIX], s[L.FIX + 1], s[L.FIX + 2] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL]
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import magnetometer
-from mavkf.models.rotation import rotate_left, rotation_matrix, wrap_angle
-from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, THETA, N, Q
+from mavkf.models.rotation import rotation_matrix, wrap_angle
+from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, N, Q
 from mavkf.navigation import layout as L
+from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
 from mavkf.samples import FIELD, TIME
@@ -81,21 +82,6 @@ def use_magnetometer(s, e, c, out):
 
 
 @compiled
-def turn_tilt(s, turn):
-    """Turn the tilt's part of P about down by an angle (rad): the error of the same body axes, seen from another north."""
-    P = s[L.P : L.P + N * N].reshape((N, N))
-    c, d = math.cos(turn), math.sin(turn)
-    for j in range(N):
-        north, east = P[THETA, j], P[THETA + 1, j]
-        P[THETA, j] = c * north - d * east
-        P[THETA + 1, j] = d * north + c * east
-    for j in range(N):
-        north, east = P[j, THETA], P[j, THETA + 1]
-        P[j, THETA] = c * north - d * east
-        P[j, THETA + 1] = d * north + c * east
-
-
-@compiled
 def first_heading(s, C, mx, my, mz, out):
     """Turn the attitude so that the levelled field points along the declination; returns whether that could be done."""
     x = s[L.X : L.P]
@@ -107,9 +93,7 @@ def first_heading(s, C, mx, my, mz, out):
     if horizontal < 0.05 * strength:
         return False  # the field points into the ground
     turn = wrap_angle(s[L.DECLINATION] - math.atan2(east, north))
-    rotate_left(x[Q : Q + 4], 0.0, 0.0, turn)
-    turn_tilt(s, turn)
-    forget(s, THETA + 2, 1, YAW_START**2)
+    turn_heading(s, turn, YAW_START**2)
     if not math.isfinite(s[L.STRENGTH]):
         # no model of the field (the declination was given): what is measured is all that is known
         x[EARTH_FIELD] = horizontal * math.cos(s[L.DECLINATION])
