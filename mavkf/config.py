@@ -47,7 +47,7 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     magnetometer_delay_s: (
         Annotated[
             float,
-            Meta(ge=0.0, le=1.0, description="s: age of the field when sent (automatic: ArduPilot 0.055, else 0)"),
+            Meta(ge=0.0, le=1.0, description="s: age of the field when sent (automatic: ArduPilot 0.055, PX4 0.05, else 0)"),
         ]
         | None
     ) = None
@@ -95,8 +95,8 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         float, Meta(gt=0.0, le=1.0, description="rad/s: gyro bias before anything is known")
     ] = 0.02
     accelerometer_bias_initial: Annotated[
-        float, Meta(gt=0.0, le=5.0, description="m/s^2: accelerometer bias before anything is known")
-    ] = 0.15
+        float, Meta(gt=0.0, le=5.0, description="m/s^2: accelerometer bias that the usual calibration leaves")
+    ] = 0.06
     sampling: Annotated[
         float,
         Meta(ge=0.0, le=10.0, description="share of dt times the squared difference of samples that is noise density"),
@@ -126,7 +126,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             le=5.0,
             description="least sigma of the GNSS position error that lingers, as a share of what is claimed",
         ),
-    ] = 0.5
+    ] = 0.75
     gnss_colour_time_s: Annotated[
         float, Meta(gt=0.0, le=3600.0, description="s: how long the lingering part of the GNSS position error lasts")
     ] = 40.0

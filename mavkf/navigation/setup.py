@@ -45,7 +45,12 @@ BAROMETER_ORDER = (
 )
 # Delays of ArduPilot, s. GNSS: a fix is stamped at reception (AP_GPS), measured on its simulator and near u-blox's; IMU: two-pole
 # low-pass at 20 Hz (INS_ACCEL_FILTER, INS_GYRO_FILTER); magnetometer and barometer: sampled slower than sent, and held.
-ARDUPILOT_DELAYS = {"gnss": 0.085, "imu": 0.0125, "magnetometer": 0.055, "barometer": 0.045}
+DELAYS = {
+    ARDUPILOT: {"gnss": 0.085, "imu": 0.0125, "magnetometer": 0.055, "barometer": 0.045},
+    # PX4 stamps at measurement and removes its own delays, but averages magnetometer and barometer and holds them between its updates.
+    PX4: {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.05, "barometer": 0.0},
+}
+NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
 
@@ -155,7 +160,7 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     reasons: list[str] = []
     source, rate = _choose_imu(rows, imu, reasons)
     autopilot = _latest(rows, AUTOPILOT)
-    delays = ARDUPILOT_DELAYS if autopilot == ARDUPILOT else dict.fromkeys(ARDUPILOT_DELAYS, 0.0)
+    delays = DELAYS.get(autopilot, NO_DELAYS) if autopilot is not None else NO_DELAYS
     vehicle = config.vehicle
     strapdown = source is not None and rate >= config.model.strapdown_hz
     if model is not None:
