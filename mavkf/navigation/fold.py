@@ -67,6 +67,7 @@ DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 OUTAGE_AFTER = 2.0  # s without a fused position
 GIVE_UP_POSITION, GIVE_UP_VELOCITY = 300.0, 30.0  # m, m/s: one sigma at which position is not known any more
 REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
+FIXES_AFTER_GAP = 3.0
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 POLE = math.radians(86.0)  # beyond it north is no direction to navigate by
 ARMED_BIT = 128  # MAV_MODE_FLAG_SAFETY_ARMED
@@ -367,6 +368,7 @@ def use_imu(s, e, c, out):
         s[L.GAP_COUNT] += 1.0
         s[L.GAP_LONGEST] = max(s[L.GAP_LONGEST], dt)
         note(out, NoteCode.IMU_GAP, s[L.T_IMU], t, dt, 0.0, 0.0)
+        s[L.RECOVERING] = FIXES_AFTER_GAP if s[L.STRAPDOWN] != 0.0 else 0.0
     if not first and not gap:
         s[L.PERIOD] = dt if s[L.PERIOD] == 0.0 else s[L.PERIOD] + (dt - s[L.PERIOD]) * min(1.0, dt / 2.0 + 0.02)
         gyro, accel = watch_samples(s, e, c, imu, dt)

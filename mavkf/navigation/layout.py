@@ -62,11 +62,12 @@ _book = P + N * N
     FIELD_REFUSED_SINCE,
     SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
     SCALE_IMU,  # learnt noise density of the IMU, against what the samples show
+    RECOVERING,  # fixes to come before a state that has crossed a gap of the IMU is shown again
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
     BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 47)
-IMU = _book + 47  # last sample: omega_b, f_b
+) = range(_book, _book + 48)
+IMU = _book + 48  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height

@@ -48,7 +48,12 @@ def flags_of(s, c):
 
 @compiled
 def valid_of(s):
-    """Which parts may be used, as bits: known, and sure enough."""
+    """Which parts may be used, as bits: known, and sure enough.
+
+    A state that has crossed a gap of the IMU is nothing to go by until a few fixes have put it right.
+    """
+    if s[L.RECOVERING] > 0.0 and s[L.POSITION_KNOWN] != 0.0:
+        return 0
     P = s[L.P : L.P + N * N].reshape((N, N))
     valid = 0
     if s[L.POSITION_KNOWN] != 0.0:

@@ -231,6 +231,7 @@ def fuse_fix(s, e, c, out):
             s[L.OUTAGE] = 0.0
             note(out, NoteCode.GNSS_BACK, s[L.T_POSITION], s[L.T], s[L.T] - s[L.T_POSITION], 0.0, 0.0)
         s[L.T_POSITION] = s[L.T]
+        s[L.RECOVERING] = max(0.0, s[L.RECOVERING] - 1.0)
         s[L.REFUSED_SINCE] = np.nan
         s[L.REFUSED_COUNT] = 0.0
         horizontal = 0.5 * (r[0] * r[0] / S[0] + r[1] * r[1] / S[1])
