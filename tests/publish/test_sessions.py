@@ -1,6 +1,7 @@
 import json
 import os
 import queue
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,17 +19,7 @@ from mavkf.publish.subscriber import CAPACITY, Inbox, subscribe
 
 from .conftest import Child, listening, make_pose
 
-PLAIN_SUBSCRIBER = """
-import json, sys, zenoh
-config = zenoh.Config()
-config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
-config.insert_json5("scouting/multicast/enabled", "false")  # the test stays on this machine
-session = zenoh.open(config)
-print("open")
-subscriber = session.declare_subscriber("mavkf/*/pose")  # without a name zenoh ends it at the first wait
-for sample in subscriber:
-    print(json.loads(sample.payload.to_bytes())["seq"])
-"""
+README = Path(__file__).parents[2] / "README.md"
 
 PUBLISHER = """
 import sys, threading
@@ -51,16 +42,16 @@ for pose in subscription:
 """
 
 
-def test_a_plain_subscriber_that_was_first_gets_every_pose_in_order(
+def test_the_plain_subscriber_of_the_readme_that_was_first_gets_every_pose_in_order(
     rendezvous: str, start: Callable[..., Child]
 ) -> None:
-    child = start(PLAIN_SUBSCRIBER, rendezvous)
-    child.wait_for("open")
+    (program,) = re.findall(r"```python\n(import json, zenoh\n.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    child = start(program.replace("tcp/127.0.0.1:7447", rendezvous))
     with open_session(publishes=True) as session, Publisher(session, "1-1", congestion="block") as publisher:
         assert publisher.wait_for_subscriber(20.0)
         for seq in range(5000):
-            publisher.publish(make_pose(seq))
-        assert [int(child.line()) for _ in range(5000)] == list(range(5000))
+            publisher.publish(make_pose(seq, position_ned_m=(float(seq), 0.0, 0.0)))
+        assert [json.loads(child.line())[0] for _ in range(5000)] == list(range(5000))
         assert publisher.counts == {"pose": 5000}
 
 
