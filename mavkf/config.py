@@ -47,7 +47,11 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     magnetometer_delay_s: (
         Annotated[
             float,
-            Meta(ge=0.0, le=1.0, description="s: age of the field when sent (automatic: ArduPilot 0.055, PX4 0.05, else 0)"),
+            Meta(
+                ge=0.0,
+                le=1.0,
+                description="s: age of the field when sent (automatic: ArduPilot 0.055, PX4 0.05, else 0)",
+            ),
         ]
         | None
     ) = None

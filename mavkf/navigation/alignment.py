@@ -16,7 +16,9 @@ DURATION = 1.0  # s
 SAMPLES = 4  # a slow IMU takes longer
 # Still: what a vehicle on the ground shows, propellers off or idling.
 STILL_RATE, STILL_RATE_SPREAD, STILL_FORCE_SPREAD, STILL_FORCE = 0.05, 0.02, 0.3, 0.6  # rad/s, rad/s, m/s^2, m/s^2
-YAW_ARBITRARY = 0.01  # rad: one sigma about a heading that is arbitrary until yaw is found, so that levelling does not turn it
+YAW_ARBITRARY = (
+    0.01  # rad: one sigma about a heading that is arbitrary until yaw is found, so that levelling does not turn it
+)
 GYRO_STILL = 2e-3  # rad/s: how well a still second tells the gyro bias, vibration and counts included
 GYRO_BIAS_LARGEST = 0.2  # rad/s: more is a rotation, not a bias
 

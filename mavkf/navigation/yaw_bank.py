@@ -1,4 +1,4 @@
-"""Yaw without a compass: a bank of small filters, each with its own guess of the heading, weighed by how well it explains the GNSS velocity.
+"""Yaw without a compass: a bank of small filters, each with a guess of the heading, weighed by how well it explains the GNSS velocity.
 
 Hypothesis i holds a velocity (m/s) and the angle psi (rad) by which north of the state's attitude, whose heading is arbitrary, is off:
 

@@ -161,13 +161,31 @@ def test_a_gap_of_the_imu_is_told_and_survived(rows: Array) -> None:
 
 
 def test_without_a_magnetometer_yaw_is_not_claimed(rows: Array) -> None:
-    _, output = run(rows[rows[:, KIND] != Kind.MAGNETOMETER])
+    config = with_settings(CONFIG, ["use_motion_yaw=false"])
+    _, output = run(rows[rows[:, KIND] != Kind.MAGNETOMETER], config=config)
     poses = output.poses[output.poses[:, L.R_TIME] > 106.0]
     assert np.all(poses[:, L.R_VALID] == L.VALID_POSITION + L.VALID_VELOCITY + L.VALID_TILT)
     assert np.all(np.isnan(poses[:, L.R_EULER + 2]))
     assert np.all(np.isnan(poses[:, L.R_Q]))
     assert np.all(flagged(poses, Flag.YAW_UNKNOWN))
     assert position_error(poses).max() < 4.0
+
+
+@pytest.mark.parametrize("yaw0", [0.4, 2.0, -2.8])
+def test_without_a_magnetometer_yaw_is_found_from_the_motion(yaw0: float) -> None:
+    rows = session(yaw0=yaw0)
+    _, output = run(rows[rows[:, KIND] != Kind.MAGNETOMETER])
+    poses = output.poses
+    yaw = poses[:, L.R_EULER + 2]
+    found = poses[np.isfinite(yaw), L.R_TIME]
+    # standing still tells nothing; the vehicle speeds up from 110 s to 114 s
+    assert 110.0 < found[0] < 120.0
+    assert notes(output, NoteCode.YAW_FROM_MOTION).shape[0] == 1
+    truth = motion(poses[:, L.R_TIME] - 100.0, yaw0)
+    error = np.angle(np.exp(1j * (yaw - np.arctan2(truth.C_nb[:, 1, 0], truth.C_nb[:, 0, 0]))))
+    known = np.isfinite(error)
+    assert np.max(np.abs(error[known] / poses[known, L.R_SIGMA_EULER + 2])) < 4.0
+    assert np.degrees(np.abs(error[-1])) < 4.0
 
 
 def test_without_an_imu_position_and_velocity_come_from_the_fixes(rows: Array) -> None:

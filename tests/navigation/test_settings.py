@@ -22,6 +22,7 @@ OTHER: dict[str, Any] = {
     "vehicle.use_magnetometer": "false",
     "vehicle.use_barometer": "false",
     "vehicle.use_rest": "false",
+    "vehicle.use_motion_yaw": "false",
     "gates.reset_s": 3.0,
     "gates.gap_s": 1.5,
     "model.strapdown_hz": 300.0,

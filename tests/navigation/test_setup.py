@@ -97,7 +97,8 @@ def test_delays_by_autopilot_and_by_configuration() -> None:
         return s.gnss_delay, s.imu_delay, s.magnetometer_delay, s.barometer_delay
 
     assert delays(heartbeat(3), Config()) == (0.085, 0.0125, 0.055, 0.045)
-    assert delays(heartbeat(12), Config()) == (0.0, 0.0, 0.0, 0.0)
+    assert delays(heartbeat(12), Config()) == (0.0, 0.0, 0.05, 0.0)
+    assert delays(heartbeat(0), Config()) == (0.0, 0.0, 0.0, 0.0)
     assert delays(np.empty((0, ROW_WIDTH)), Config()) == (0.0, 0.0, 0.0, 0.0)
     config = with_settings(Config(), ["gnss_delay_s=0.22", "imu_delay_s=0"])
     assert delays(heartbeat(3), config) == (0.22, 0.0, 0.055, 0.045)
