@@ -128,9 +128,17 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Meta(
             ge=0.0,
             le=5.0,
-            description="least sigma of the GNSS position error that lingers, as a share of what is claimed",
+            description="least sigma of the horizontal GNSS error that lingers, as a share of what is claimed",
         ),
     ] = 0.75
+    gnss_colour_vertical: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=5.0,
+            description="least sigma of the vertical GNSS error that lingers, as a share of what is claimed",
+        ),
+    ] = 1.0
     gnss_colour_time_s: Annotated[
         float, Meta(gt=0.0, le=3600.0, description="s: how long the lingering part of the GNSS position error lasts")
     ] = 40.0

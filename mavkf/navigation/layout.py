@@ -125,6 +125,7 @@ class Parameter(IntEnum):
     TRUNCATION = 34
     REST = 35
     USE_MOTION_YAW = 36
+    COLOUR_VERTICAL = 37
 
 
 PARAMETERS = len(Parameter)

@@ -224,6 +224,7 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.BARO: noise.barometer_m,
         Parameter.BARO_WALK: noise.barometer_walk,
         Parameter.COLOUR: noise.gnss_colour,
+        Parameter.COLOUR_VERTICAL: noise.gnss_colour_vertical,
         Parameter.COLOUR_TIME: noise.gnss_colour_time_s,
         Parameter.MAGNETOMETER: noise.magnetometer_t,
         Parameter.IRON: noise.magnetometer_bias_t,

@@ -29,7 +29,8 @@ from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 FIXES_TO_START = 3
 FIX_3D = 3
 LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
-COLOUR_LEARNING = 0.04
+# Horizontally a drift must be followed while it happens; the height's error is mostly the atmosphere's, which takes its time.
+COLOUR_LEARNING_HORIZONTAL, COLOUR_LEARNING_VERTICAL = 0.1, 0.04
 UNCOLOURED = 0.1  # correlation that a white noise assumed too large makes by itself
 LEAST_SCALE, MOST_SCALE = 0.02, 25.0  # of a learnt variance against what is claimed
 LEAST_IMU_SCALE = 0.3  # the floor of the GNSS velocity's noise makes innovations small that do not speak for the IMU
@@ -46,9 +47,8 @@ def claimed(e, column, default):
 @compiled
 def set_colour(s, e, c):
     """The least sigma of the coloured error that this fix's claim allows: it cannot be seen in the innovations, so it follows the claim."""
-    share = c[Parameter.COLOUR]
-    s[L.COLOUR_FLOOR] = share * claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
-    s[L.COLOUR_FLOOR + 1] = share * claimed(e, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
+    s[L.COLOUR_FLOOR] = c[Parameter.COLOUR] * claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
+    s[L.COLOUR_FLOOR + 1] = c[Parameter.COLOUR_VERTICAL] * claimed(e, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
     for i in range(2):
         s[L.COLOUR + i] = max(s[L.COLOUR + i], s[L.COLOUR_FLOOR + i])
 
@@ -200,9 +200,8 @@ def learn_colour(s, r, S, axis, first, count):
         s[L.LAST_INNOVATION + i] = r[i]
     rho = min(max(rho / count, -3.0), 3.0)
     floor = s[L.COLOUR_FLOOR + axis]
-    s[L.COLOUR + axis] = min(
-        max(s[L.COLOUR + axis] * math.exp(COLOUR_LEARNING * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor
-    )
+    rate = COLOUR_LEARNING_HORIZONTAL if axis == 0 else COLOUR_LEARNING_VERTICAL
+    s[L.COLOUR + axis] = min(max(s[L.COLOUR + axis] * math.exp(rate * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor)
 
 
 @compiled

@@ -23,7 +23,8 @@ TOLD = (
     "accelerometer_bias_walk=1e-4",
     "gyro_bias_walk=1e-6",
     "use_barometer=false",
-    "gnss_colour=0",  # white noise only
+    "noise.gnss_colour=0",  # white noise only
+    "gnss_colour_vertical=0",
     "gnss_delay_initial_s=0",
 )
 
