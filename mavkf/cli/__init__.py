@@ -22,7 +22,7 @@ COMMANDS = {
     "watch": "Show the poses that are published.",
     "replay": "Estimate from a log at full speed.",
     "info": "Say what is in a log.",
-    "simulate": "Make a flight with known truth, to a file or onto the wire.",
+    "simulate": "Make a log of a simulated flight, with known truth.",
     "schema": "Print the JSON schema of what is published.",
     "warmup": "Compile the estimator now, so that nothing waits for it later.",
 }

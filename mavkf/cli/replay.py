@@ -13,10 +13,10 @@ from mavkf.cli._console import Connect, Listen, ZenohConfig, messages, output, s
 from mavkf.config import Config, read_config, with_settings
 from mavkf.config import settings as known_settings
 from mavkf.errors import UsageError
-from mavkf.estimate import Record
+from mavkf.estimate import Pose, Record
 from mavkf.publish.publisher import Publisher
 from mavkf.publish.records import encode
-from mavkf.publish.session import open_session
+from mavkf.publish.session import publishing_session
 from mavkf.replay.export import write_csv
 from mavkf.replay.run import Options, Result, imu_source, run
 from mavkf.replay.summary import estimated, summarise
@@ -76,6 +76,9 @@ def replay(  # noqa: D417 (the rest is described in _console)
         return _list_settings()
     if log is None:
         raise UsageError("mavkf replay needs the path of a log (.tlog)")
+    _check_outputs(log, csv, jsonl)
+    if not publish and (connect or listen or zenoh_config):
+        raise UsageError("--connect, --listen and --zenoh-config say where --publish goes: give that too")
     options = Options(
         as_live=as_live or publish or jsonl is not None,
         rate_hz=rate,
@@ -97,7 +100,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
             if send is not None:
                 for record in stream.records(step):
                     send(record)
-                    if file is not None and record.__class__.__name__ == "Pose":
+                    if file is not None and isinstance(record, Pose):
                         file.write(encode(record) + b"\n")
             elif file is not None:
                 file.writelines(encode(pose) + b"\n" for pose in stream.poses(step))
@@ -105,9 +108,18 @@ def replay(  # noqa: D417 (the rest is described in _console)
         result = run(log, options, progress, each if file is not None or send is not None else None)
     rows = write_csv(csv, result.sessions) if csv is not None else None
     _report(result, json)
+    if not result.sessions:
+        say("nothing was estimated: no IMU or GNSS sample with a boot time lies in what was asked for (--from, --to)")
     if rows is not None:
         say(f"{csv}: {rows} rows")
     return 0 if any(estimated(found) for found in result.sessions) else 1
+
+
+def _check_outputs(log: Path, *outputs: Path | None) -> None:
+    """Raise UsageError where a file to write is the log itself: what was recorded is never lost."""
+    for path in outputs:
+        if path is not None and path.resolve() == log.resolve():
+            raise UsageError(f"{path} is the log itself: give another file to write to")
 
 
 def _list_settings() -> int:
@@ -160,7 +172,7 @@ def _publishing(
         yield None
         return
     publishers: dict[str, Publisher] = {}
-    with open_session(publishes=True, connect=list(connect), listen=list(listen), config_file=config) as session:
+    with publishing_session(connect=connect, listen=listen, config_file=config) as session:
 
         def send(record: Record) -> None:
             if record.vehicle not in publishers:

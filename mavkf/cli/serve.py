@@ -80,7 +80,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     if links and speed != 1.0:
         raise UsageError("--speed is for logs: live telemetry has its own pace")
 
-    from mavkf.publish.session import open_session
+    from mavkf.publish.session import publishing_session
     from mavkf.replay.run import MODELS, imu_source
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs
@@ -102,7 +102,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     )
     with (
         _Signals(may_block=wait_subscriber is not None) as signals,
-        open_session(publishes=True, listen=listen, connect=connect, config_file=zenoh_config) as session,
+        publishing_session(listen=listen, connect=connect, config_file=zenoh_config) as session,
     ):
         if links:
             poses = serve_links(links, session, options, say=say, stopped=signals.stopped, record=record)

@@ -40,7 +40,8 @@ def simulate(
         truth.is_dir() or not truth.absolute().parent.is_dir() or truth.resolve() == out.resolve()
     ):
         raise UsageError(f"--truth is {truth}, but must be another file than the log, in an existing folder")
-    with Progress(console=messages(), transient=True) as bar:
+    console = messages()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("flying", total=1.0)
         motion = fly(
             out,

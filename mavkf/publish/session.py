@@ -5,13 +5,15 @@ port beside it, and tries the rendezvous for ever. Both are needed: two peers th
 each other. When the holder of the rendezvous dies, zenoh's own retry gives it to a surviving publisher.
 """
 
+import errno
 import json
 import os
 import re
 import socket
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,8 @@ RENDEZVOUS = "tcp/127.0.0.1:7447"
 _FREE_PORT = "tcp/127.0.0.1:0"
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
 _PATIENCE_S = 1.0  # how long an asked endpoint may take before it is said that it is not there
+_CLOSING_S = 0.5  # how long a session may take to close
+_STRANGER_S = 3.0  # how long whoever holds the rendezvous may take to show that it speaks zenoh
 _OTHER = re.compile(r"(serial|vsock|unixsock-stream|unixpipe)/\S+")
 _HOST_PORT = re.compile(
     r"(?P<protocol>tcp|tls|udp|quic|ws)/(\[(?P<six>[^\]]+)\]|(?P<host>[^:\s]+)):(?P<port>\d{1,5})([?#]\S*)?"
@@ -77,6 +81,7 @@ def open_session(
         for name, extra in (("listen/endpoints", listen), ("connect/endpoints", connect)):
             if extra:
                 _insert(config, name, _extended(json.loads(config.get_json(name)), list(extra)))
+    held = config_file is None and _is_taken(meeting)
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
@@ -86,7 +91,34 @@ def open_session(
         timer = threading.Timer(_PATIENCE_S, _tell_absent, (session, list(connect), say))
         timer.daemon = True
         timer.start()
+    if held:
+        timer = threading.Timer(_STRANGER_S, _tell_stranger, (session, meeting, say))
+        timer.daemon = True
+        timer.start()
     return session
+
+
+@contextmanager
+def publishing_session(
+    *, listen: Sequence[str] = (), connect: Sequence[str] = (), config_file: Path | None = None
+) -> Iterator[zenoh.Session]:
+    """A session of `open_session` that publishes, closed at the end, within a moment.
+
+    While another process holds the rendezvous, zenoh's close waits ten seconds for its own listen retry and then
+    fails: it is left to a thread that the end of the process ends.
+    """
+    session = open_session(publishes=True, listen=listen, connect=connect, config_file=config_file)
+    try:
+        yield session
+    finally:
+        closer = threading.Thread(target=_close, args=(session,), daemon=True)
+        closer.start()
+        closer.join(_CLOSING_S)
+
+
+def _close(session: zenoh.Session) -> None:
+    with suppress(zenoh.ZError):
+        session.close()  # type: ignore[no-untyped-call]
 
 
 def _loopback_config() -> zenoh.Config:
@@ -135,9 +167,18 @@ def _check_endpoint(option: str, endpoint: str) -> None:
 
 def _check_free(endpoint: str) -> None:
     """Raise EndpointError if a TCP endpoint to listen on cannot be had; zenoh itself would retry without a word."""
+    error = _bind_error(endpoint, listening=True)
+    if error is not None:
+        raise EndpointError(
+            f"--listen {endpoint} cannot be opened ({error.strerror}): choose a free port of an address of this machine"
+        ) from error
+
+
+def _bind_error(endpoint: str, *, listening: bool) -> OSError | None:
+    """Why a TCP endpoint cannot be had; None if it can, or is of another kind. Without `listening` nobody notices the try."""
     match = _HOST_PORT.fullmatch(endpoint)
     if match is None or match["protocol"] in ("udp", "quic"):
-        return
+        return None
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             match["six"] or match["host"], int(match["port"]), type=socket.SOCK_STREAM
@@ -145,11 +186,25 @@ def _check_free(endpoint: str) -> None:
         with socket.socket(family, kind, protocol) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
-            probe.listen(1)
+            if listening:
+                probe.listen(1)
     except OSError as error:
-        raise EndpointError(
-            f"--listen {endpoint} cannot be opened ({error.strerror}): choose a free port of an address of this machine"
-        ) from error
+        return error
+    return None
+
+
+def _is_taken(endpoint: str) -> bool:
+    error = _bind_error(endpoint, listening=False)
+    return error is not None and error.errno == errno.EADDRINUSE
+
+
+def _tell_stranger(session: zenoh.Session, meeting: str, say: Callable[[str], None]) -> None:
+    """Say that the rendezvous is held by something that is no zenoh: then nobody finds anybody."""
+    if not session.is_closed() and not session.info.links() and _is_taken(meeting):
+        say(
+            f"mavkf: {meeting}, where publishers and subscribers meet, is taken by a program that does not speak zenoh: "
+            "end that program, or set MAVKF_RENDEZVOUS to another place, as in tcp/127.0.0.1:7450"
+        )
 
 
 def _tell_absent(session: zenoh.Session, asked: list[str], say: Callable[[str], None]) -> None:

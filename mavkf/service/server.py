@@ -47,11 +47,11 @@ def serve_links(
     with ExitStack() as ends:
         fleet = _fleet(ends, session, options, say)
         inbox = Inbox(say)
-        worker = _Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say))
-        threads = []
-        for link in links:  # all ports first, so that nothing runs if one cannot be had
+        for link in links:  # all ports first, so that nothing runs, nor is a recording begun, if one cannot be had
             link.open()
             ends.callback(link.close)
+        worker = _Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say))
+        threads = []
         for number, link in enumerate(links):
             take = lambda data, last, number=number: inbox.put(number, data, last)  # noqa: E731
             threads.append(Thread(target=link.receive, args=(take,), name=link.name, daemon=True))

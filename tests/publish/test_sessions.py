@@ -2,7 +2,9 @@ import json
 import os
 import queue
 import re
+import socket
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,7 +158,7 @@ def test_garbage_is_counted(rendezvous: str) -> None:
     with subscribe() as subscription, open_session(publishes=True) as session, Publisher(session, "1-1") as publisher:
         assert publisher.wait_for_subscriber(10)
         for payload in (b"", b"{", b"\xff", b"{\x80}", b"[" * 100_000, b'{"a":' * 100_000):
-            session.put("mavkf/1-1/pose", payload)
+            session.put("mavkf/1-1/pose", payload, congestion_control=zenoh.CongestionControl.BLOCK)
         publisher.publish(make_pose())
         assert subscription.receive(10) == make_pose()
         assert subscription.counts["garbage"] == 6
@@ -252,6 +254,25 @@ def test_bad_endpoints_are_named(rendezvous: str, bad: str) -> None:
 def test_a_taken_port_to_listen_on_is_an_error(rendezvous: str) -> None:
     with open_session(publishes=True), pytest.raises(EndpointError, match="--listen"):
         open_session(publishes=False, listen=[rendezvous])
+
+
+def test_a_rendezvous_that_another_program_holds_is_said_with_the_remedy(
+    rendezvous: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mavkf.publish.session._STRANGER_S", 0.5)
+    said: queue.Queue[str] = queue.Queue()
+    stranger = socket.create_server(("127.0.0.1", int(rendezvous.rsplit(":", 1)[1])))
+    with stranger, open_session(publishes=True, say=said.put):
+        sentence = said.get(timeout=10)
+        stranger.close()  # zenoh closes at once only when nobody holds its rendezvous
+        time.sleep(1.5)
+    assert all(part in sentence for part in (rendezvous, "end that program", "MAVKF_RENDEZVOUS"))
+    with (
+        open_session(publishes=True, say=said.put),
+        open_session(publishes=False, say=said.put),
+        pytest.raises(queue.Empty),
+    ):
+        said.get(timeout=1.0)
 
 
 def test_configuration_files(rendezvous: str, tmp_path: Path) -> None:

@@ -309,15 +309,28 @@ def test_what_cannot_be_served_is_one_sentence(
     assert all(word in message for word in named)
 
 
-def test_a_port_in_use_is_one_sentence_with_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_is_one_sentence_with_the_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.1", 0))
         port = holder.getsockname()[1]
-        assert main(["serve", f"udpin:127.0.0.1:{port}"]) == 1
+        assert main(["serve", f"udpin:127.0.0.1:{port}", "--record", str(tmp_path)]) == 1
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert f"udpin:127.0.0.1:{port} is taken" in message
     assert "choose another port" in message
+    assert not list(tmp_path.iterdir()), "a recording of nothing was left behind"
+
+
+def test_a_service_ends_at_once_while_another_holds_the_rendezvous(serve: Start) -> None:
+    first, second = serve("udpin:127.0.0.1:0"), serve("udpin:127.0.0.1:0")
+    for one in (first, second):
+        one.line("listens on")
+    time.sleep(1.0)  # both have tried for the rendezvous
+    for one in (second, first):
+        begin = time.monotonic()
+        assert one.interrupt() == 130
+        assert time.monotonic() - begin < 3.0
+        assert not any("Traceback" in line for line in one.lines)
 
 
 def test_nobody_who_subscribes_is_said_and_the_log_served_under_its_name(

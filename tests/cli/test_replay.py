@@ -1,0 +1,31 @@
+from pathlib import Path
+
+import pytest
+
+from mavkf.cli import main
+from mavkf.service.warmup import flight
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "log.tlog"
+    path.write_bytes(b"".join(stamp.to_bytes(8, "big") + frame for stamp, frame in flight()))
+    return path
+
+
+@pytest.mark.parametrize("option", ["--csv", "--jsonl"])
+def test_the_log_itself_is_never_written_over(log: Path, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    before = log.read_bytes()
+    assert main(["replay", str(log), option, str(log.parent / "." / log.name)]) == 2
+    assert "is the log itself" in capsys.readouterr().err
+    assert log.read_bytes() == before
+
+
+def test_where_to_publish_without_publishing_is_wrong_usage(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(log), "--connect", "tcp/127.0.0.1:9"]) == 2
+    assert "--publish" in capsys.readouterr().err
+
+
+def test_a_span_without_samples_is_said(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(log), "--from", "500"]) == 1
+    assert "--from" in capsys.readouterr().err
