@@ -8,10 +8,13 @@ serves this process. Compiled functions call each other by direct module-level n
 as arguments are compiled anew in every process.
 """
 
+import atexit
 import hashlib
 import os
+import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,6 +26,7 @@ import numpy
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+UNUSED_S = 30 * 86400.0
 COMPILED_FOLDERS = ("models", "filters", "navigation", "link")  # and the constants in samples.py
 
 
@@ -48,9 +52,12 @@ def cache_folder() -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
+            folder.touch()  # in use
             return folder
     except OSError:
-        return Path(tempfile.mkdtemp(prefix="mavkf-"))
+        folder = Path(tempfile.mkdtemp(prefix="mavkf-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        return folder
 
 
 def is_warm() -> bool:
@@ -59,8 +66,11 @@ def is_warm() -> bool:
 
 
 def mark_warm() -> None:
-    """Remember that everything has been compiled."""
+    """Remember that everything has been compiled; forget the machine code of sources that have not been used for a month."""
     (cache_folder() / "warm").touch()
+    for other in cache_folder().parent.glob("[0-9a-f]" * 16):
+        if time.time() - other.stat().st_mtime > UNUSED_S:
+            shutil.rmtree(other, ignore_errors=True)
 
 
 def compiled(function: F) -> F:

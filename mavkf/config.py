@@ -221,7 +221,8 @@ def _checked(values: dict[str, Any], where: str) -> Config:
     try:
         return msgspec.convert(values, Config)
     except msgspec.ValidationError as error:
-        raise UsageError(f"{where}: {error}; `mavkf replay --settings` lists what there is") from None
+        text = str(error).replace("`$.", "`")
+        raise UsageError(f"{where}: {text}; `mavkf replay --settings` lists what there is") from None
 
 
 def read_config(path: Path) -> Config:

@@ -60,7 +60,9 @@ def warnings(session: SessionResult) -> list[str]:
             f"the IMU at {setup.imu_rate_hz:.2g} Hz is slow: attitude is coarse, and follows gravity rather than the motion"
         )
     if setup.imu is not None and poses.shape[0] and not np.any(np.isfinite(poses[:, L.R_EULER + 2])):
-        why = "no magnetometer" if not np.any(rows[:, KIND] == Kind.MAGNETOMETER) else "no heading from the magnetometer"
+        why = (
+            "no magnetometer" if not np.any(rows[:, KIND] == Kind.MAGNETOMETER) else "no heading from the magnetometer"
+        )
         said.append(f"{why}: yaw is unknown")
     if not estimated(session):
         said.append("nothing could be estimated in this session")
