@@ -43,6 +43,8 @@ def replay(  # noqa: D417 (the rest is described in _console)
     config: Path | None = None,
     set: tuple[str, ...] = (),
     settings: bool = False,
+    plot: Path | None = None,
+    truth: Path | None = None,
     json: bool = False,
     publish: bool = False,
     connect: Connect = (),
@@ -68,6 +70,8 @@ def replay(  # noqa: D417 (the rest is described in _console)
         config: Settings from this TOML file.
         set: One setting, as vehicle.gnss_delay_s=0.2; may be repeated.
         settings: List all settings with their defaults, and end.
+        plot: Draw the session with the longest estimate to this file (png, svg, pdf).
+        truth: Draw the errors against this truth too (CSV, columns as of mavkf simulate --truth).
         json: Print the summary as JSON.
         publish: Publish over zenoh what a live run would have published, waiting for slow readers.
 
@@ -76,7 +80,9 @@ def replay(  # noqa: D417 (the rest is described in _console)
         return _list_settings()
     if log is None:
         raise UsageError("mavkf replay needs the path of a log (.tlog)")
-    _check_outputs(log, csv, jsonl)
+    _check_outputs(log, csv, jsonl, plot)
+    if truth is not None and plot is None:
+        raise UsageError("--truth is drawn by --plot: give that too")
     if not publish and (connect or listen or zenoh_config):
         raise UsageError("--connect, --listen and --zenoh-config say where --publish goes: give that too")
     options = Options(
@@ -112,7 +118,18 @@ def replay(  # noqa: D417 (the rest is described in _console)
         say("nothing was estimated: no IMU or GNSS sample with a boot time lies in what was asked for (--from, --to)")
     if rows is not None:
         say(f"{csv}: {rows} rows")
+    if plot is not None and result.sessions:
+        _draw(result, plot, truth)
     return 0 if any(estimated(found) for found in result.sessions) else 1
+
+
+def _draw(result: Result, path: Path, truth: Path | None) -> None:
+    from mavkf.replay.plot import plot_run
+    from mavkf.replay.truth import read_truth
+
+    longest = max(result.sessions, key=lambda session: session.output.poses.shape[0])
+    plot_run(path, longest, read_truth(truth) if truth is not None else None)
+    say(f"{path}: vehicle {longest.vehicle}, session {longest.session}")
 
 
 def _check_outputs(log: Path, *outputs: Path | None) -> None:

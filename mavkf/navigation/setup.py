@@ -51,6 +51,7 @@ DELAYS = {
     PX4: {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.05, "barometer": 0.0},
 }
 NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
+FAST_HZ = 8.0  # Hz: what a vehicle does between the samples of a slower IMU is mostly not seen
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
 
@@ -171,7 +172,12 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
             "model constant-velocity: without an IMU there is no attitude, and between fixes the velocity is assumed to last"
         )
     elif strapdown:
-        reasons.append("model strapdown: the IMU is fast enough to be integrated")
+        if rate >= FAST_HZ:
+            reasons.append("model strapdown: the IMU is fast enough to be integrated")
+        else:
+            reasons.append(
+                f"model strapdown: an IMU at {rate:.2g} Hz is slow, and is integrated with a noise as large as its samples differ"
+            )
     else:
         reasons.append(
             f"model constant-velocity: an IMU at {rate:.2g} Hz is too slow to be integrated "
