@@ -45,6 +45,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 141
 
 
+def entry() -> None:
+    """Run the process's command line and end the process with its exit code."""
+    code = main()
+    sessions = sys.modules.get("mavkf.publish.session")
+    if sessions is not None and sessions.is_closing():
+        # zenoh is still busy with a close that it will not finish: ending the interpreter beneath it would abort
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
 def _run(words: list[str]) -> int:
     if not words or words[0] in ("--help", "-h", "help"):  # at once: the parser alone takes ten times longer to import
         print(_help())

@@ -97,9 +97,13 @@ class SessionEstimator:
     def push(self, rows: Array) -> Iterator[Output]:
         """Take rows (n, ROW_WIDTH) in the order of arrival; yields outputs as they arise, none while the set-up is open."""
         if self.setup is None:
-            rows = self._decide(rows)
+            waited, rows = self._decide(rows)
             if self.setup is None:
                 return
+            for output in self._run(waited):
+                # they are as old as the set-up is long: nobody would want them now, in a burst
+                output.poses = output.poses[:0]
+                yield output
         yield from self._run(rows)
 
     def finish(self) -> Iterator[Output]:
@@ -115,8 +119,8 @@ class SessionEstimator:
         """Whether an IMU or GNSS sample has come: without one there is nothing to estimate."""
         return bool(np.isfinite(self._first_sensor))
 
-    def _decide(self, rows: Array) -> Array:
-        """Keep rows until the set-up's time is over; returns those to run (all, once it is)."""
+    def _decide(self, rows: Array) -> tuple[Array, Array]:
+        """Keep rows until the set-up's time is over; returns those that waited for it, once it is, and those that came after."""
         for i in range(rows.shape[0]):
             row = rows[i]
             if not self.has_sensor:
@@ -134,11 +138,11 @@ class SessionEstimator:
                     continue
                 self._waiting = []
                 self._start(seen)
-                return np.concatenate([seen, rows[i + 1 :]])
+                return seen, rows[i + 1 :]
         self._waiting.append(rows.copy())
         if not self.has_sensor:
             self._waiting = [np.concatenate(self._waiting)[-EARLY:]]
-        return rows[:0]
+        return rows[:0], rows[:0]
 
     def _start(self, seen: Array) -> None:
         self.setup = choose(seen, self.config, self.imu, self.model)

@@ -43,6 +43,7 @@ _book = P + N * N
     T_PREVIOUS_FIX,
     REFUSED_SINCE,  # start of an unbroken run of refused positions, NaN: none
     REFUSED_COUNT,
+    VELOCITY_REFUSED,  # velocities in a row
     ORIGIN_LATITUDE,
     ORIGIN_LONGITUDE,
     ORIGIN_HEIGHT,
@@ -66,8 +67,8 @@ _book = P + N * N
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
     BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 48)
-IMU = _book + 48  # last sample: omega_b, f_b
+) = range(_book, _book + 49)
+IMU = _book + 49  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
@@ -225,6 +226,7 @@ class NoteCode(IntEnum):
     DISARMED = 10
     MAGNETOMETER_RELEARNT = 11
     YAW_FROM_MOTION = 12
+    VELOCITY_RESET = 13
 
 
 NOTE_CODES = len(NoteCode)

@@ -182,6 +182,9 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
             return {
                 "strapdown": bool(a)
             }, "strapdown navigation begins" if a else "strapdown navigation ends: constant velocity"
+        case NoteCode.VELOCITY_RESET:
+            text = f"velocity reset by {size:.1f} m/s: {int(a)} velocities had been refused for {end - start:.0f} s"
+            return {"refused_velocities": int(a)}, text
         case NoteCode.YAW_FROM_MOTION:
             return (
                 {},

@@ -6,7 +6,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import gnss
-from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, VEL, N, V, offset
+from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, N, V, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
@@ -28,6 +28,8 @@ from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 FIXES_TO_START = 3
 FIX_3D = 3
+PATIENCE_WITH_ITSELF = 2.0  # s of fixes refused with their velocities, after which the state is reset to them
+TILT_AFTER_SHOCK = 0.1  # rad: one sigma that such a filter's attitude is off besides
 LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
 # Horizontally a drift must be followed while it happens; the height's error is mostly the atmosphere's, which takes its time.
 COLOUR_LEARNING_HORIZONTAL, COLOUR_LEARNING_VERTICAL = 0.1, 0.04
@@ -131,6 +133,14 @@ def start_position(s, e, c, out):
 
 
 @compiled
+def doubt_attitude(s):
+    """What threw the velocity off has thrown the attitude off too."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    for i in range(3):
+        P[THETA + i, THETA + i] += TILT_AFTER_SHOCK**2
+
+
+@compiled
 def refuse_or_reset(s, e, c, out):
     """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them."""
     vn = e[VELOCITY_N] if math.isfinite(e[VELOCITY_N]) else 0.0
@@ -142,12 +152,17 @@ def refuse_or_reset(s, e, c, out):
         s[L.REFUSED_COUNT] = 0.0
     s[L.REFUSED_COUNT] += 1.0
     s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], vn, ve
-    if s[L.T] - s[L.REFUSED_SINCE] >= c[Parameter.RESET] and s[L.REFUSED_COUNT] >= FIXES_TO_START:
+    # fixes whose velocity is refused as well have a filter against them that is wrong itself: a shock, a wild manoeuvre
+    wrong = not s[L.T_VELOCITY] >= s[L.REFUSED_SINCE]
+    patience = min(c[Parameter.RESET], PATIENCE_WITH_ITSELF) if wrong else c[Parameter.RESET]
+    if s[L.T] - s[L.REFUSED_SINCE] >= patience and s[L.REFUSED_COUNT] >= FIXES_TO_START:
         d = np.empty(3)
         offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[LATITUDE], s[LONGITUDE], s[HEIGHT], d)
         size = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         note(out, NoteCode.POSITION_RESET, s[L.REFUSED_SINCE], s[L.T], size, s[L.REFUSED_COUNT], d[2])
         set_position(s, c, e)
+        if wrong:
+            doubt_attitude(s)
 
 
 @compiled
@@ -279,5 +294,16 @@ def fuse_velocity(s, e, c, out):
     if nis >= 0.0:
         s[L.T_VELOCITY] = s[L.T]
         s[L.SCALE_VELOCITY] = learn(s[L.SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
+        s[L.VELOCITY_REFUSED] = 0.0
         if s[L.STRAPDOWN] != 0.0:
             s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)
+        return
+    s[L.VELOCITY_REFUSED] += 1.0
+    if s[L.T] - s[L.T_VELOCITY] >= PATIENCE_WITH_ITSELF and s[L.VELOCITY_REFUSED] >= FIXES_TO_START:
+        size = math.sqrt(r[0] * r[0] + r[1] * r[1])
+        note(out, NoteCode.VELOCITY_RESET, s[L.T_VELOCITY], s[L.T], size, s[L.VELOCITY_REFUSED], 0.0)
+        for i in range(m):
+            x[V + i] += r[i]
+            forget(s, VEL + i, 1, R[i, i] + 1.0)
+        doubt_attitude(s)
+        s[L.VELOCITY_REFUSED] = 0.0

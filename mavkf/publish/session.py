@@ -112,8 +112,17 @@ def publishing_session(
         yield session
     finally:
         closer = threading.Thread(target=_close, args=(session,), daemon=True)
+        _closers.append(closer)
         closer.start()
         closer.join(_CLOSING_S)
+
+
+_closers: list[threading.Thread] = []
+
+
+def is_closing() -> bool:
+    """Whether the close of a session of `publishing_session` has not come to its end."""
+    return any(closer.is_alive() for closer in _closers)
 
 
 def _close(session: zenoh.Session) -> None:
@@ -128,6 +137,10 @@ def _loopback_config() -> zenoh.Config:
     # Gossip tells peers of each other's loopback ports, so that they stay connected without the one they met at.
     _insert(config, "scouting/gossip/enabled", True)
     _insert(config, "timestamping/enabled", True)
+    # Room for the burst with which a session begins: with the two batches that are zenoh's default a reader that is there in time
+    # still misses some of it.
+    _insert(config, "transport/link/tx/queue/size/data", 16)
+    _insert(config, "transport/link/tx/queue/congestion_control/drop/wait_before_drop", 10_000)  # microseconds
     for side in ("listen", "connect"):
         _insert(config, f"{side}/timeout_ms", -1)  # for ever: 0 would never retake the rendezvous
         _insert(config, f"{side}/exit_on_failure", False)

@@ -25,7 +25,7 @@ from mavkf.service.warmup import ensure_compiled
 
 BEGIN_US = 1_760_000_000_000_000
 SECONDS = 20
-MAVKF = (sys.executable, "-c", "import sys; from mavkf.cli import main; sys.exit(main())")
+MAVKF = (sys.executable, "-m", "mavkf")
 Frames = list[tuple[int, bytes]]
 Published = dict[str, list[dict[str, Any]]]
 
