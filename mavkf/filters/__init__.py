@@ -1,1 +1,1 @@
-"""filters."""
+"""Estimation theory on matrices: it knows no model and no drone."""

@@ -1,1 +1,1 @@
-"""link."""
+"""The wire: frames, message layouts, sample rows in SI, boot clocks and sessions."""

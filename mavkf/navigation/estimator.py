@@ -17,7 +17,7 @@ from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.earth_field import earth_field
-from mavkf.navigation.fold import begin
+from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
 from mavkf.samples import ARRIVAL, FIX, KIND, LATITUDE, LONGITUDE, ROW_WIDTH, SOURCE, TIME, Kind, Source
 

@@ -10,6 +10,7 @@ from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, L
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour
 from mavkf.navigation.yaw_bank import use_bank
 from mavkf.samples import FIX as FIX_TYPE
 from mavkf.samples import (
@@ -30,13 +31,6 @@ FIXES_TO_START = 3
 FIX_3D = 3
 PATIENCE_WITH_ITSELF = 2.0  # s of fixes refused with their velocities, after which the state is reset to them
 TILT_AFTER_SHOCK = 0.1  # rad: one sigma that such a filter's attitude is off besides
-LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
-# Horizontally a drift must be followed while it happens; the height's error is mostly the atmosphere's, which takes its time.
-COLOUR_LEARNING_HORIZONTAL, COLOUR_LEARNING_VERTICAL = 0.1, 0.04
-UNCOLOURED = 0.1  # correlation that a white noise assumed too large makes by itself
-LEAST_SCALE, MOST_SCALE = 0.02, 25.0  # of a learnt variance against what is claimed
-LEAST_IMU_SCALE = 0.3  # the floor of the GNSS velocity's noise makes innovations small that do not speak for the IMU
-MOST_COLOUR = 8.0  # times the floor of the coloured sigma
 
 
 @compiled
@@ -197,26 +191,6 @@ def use_gnss(s, e, c, out):
         fuse_fix(s, e, c, out)
         use_bank(s, e, c, out)
     s[L.FIX], s[L.FIX + 1], s[L.FIX + 2] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL]
-
-
-@compiled
-def learn(scale, nis, m, share, least):
-    """A variance scale after one NIS of m degrees: the gradient of its likelihood, weighted by the share R / S that is its doing."""
-    surprise = min(nis / m, 10.0) - 1.0
-    return min(max(scale * math.exp(LEARNING * share * surprise), least), MOST_SCALE)
-
-
-@compiled
-def learn_colour(s, r, S, axis, first, count):
-    """Let the sigma of the coloured error follow the correlation of successive position innovations, which is none where it is right."""
-    rho = 0.0
-    for i in range(first, first + count):
-        rho += r[i] * s[L.LAST_INNOVATION + i] / S[i]
-        s[L.LAST_INNOVATION + i] = r[i]
-    rho = min(max(rho / count, -3.0), 3.0)
-    floor = s[L.COLOUR_FLOOR + axis]
-    rate = COLOUR_LEARNING_HORIZONTAL if axis == 0 else COLOUR_LEARNING_VERTICAL
-    s[L.COLOUR + axis] = min(max(s[L.COLOUR + axis] * math.exp(rate * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor)
 
 
 @compiled

@@ -1,1 +1,1 @@
-"""service."""
+"""The live service: joins link, navigation and publish; owns threads, queues and shutdown."""

@@ -14,7 +14,7 @@ from mavkf.models.rotation import (
 from mavkf.models.strapdown import BG, DBA, DBG, THETA, N, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
-from mavkf.navigation.fold import begin
+from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import choose, parameters
 from mavkf.navigation.use_magnetometer import use_magnetometer
 from mavkf.samples import FIELD, TIME

@@ -7,7 +7,7 @@ import sympy
 from mavkf.models.strapdown import TOP, N
 from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import Offline
-from mavkf.navigation.fold import propagate_covariance
+from mavkf.navigation.propagation import propagate_covariance
 
 Array = np.ndarray
 

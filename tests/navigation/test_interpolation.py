@@ -6,7 +6,8 @@ import pytest
 from mavkf.config import Config
 from mavkf.models.strapdown import LATITUDE, N, Q, V
 from mavkf.navigation import layout as L
-from mavkf.navigation.fold import begin, interpolate
+from mavkf.navigation.fold import interpolate
+from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import choose, parameters
 from mavkf.samples import FIELD, KIND, TIME, Kind
 

@@ -7,7 +7,7 @@ from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.estimator import BUFFER, Offline, run_offline, to_events
-from mavkf.navigation.fold import begin
+from mavkf.navigation.propagation import begin
 from mavkf.navigation.timeline import in_order, precedes
 from mavkf.samples import ARRIVAL, KIND, SEQUENCE, SOURCE, TIME, Kind
 

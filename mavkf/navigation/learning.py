@@ -1,0 +1,34 @@
+"""What the innovations teach of the noise: variances by their NIS, the coloured part by how successive innovations correlate."""
+
+import math
+
+from mavkf.compiled import compiled
+from mavkf.navigation import layout as L
+
+LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
+# Horizontally a drift must be followed while it happens; the height's error is mostly the atmosphere's, which takes its time.
+COLOUR_LEARNING_HORIZONTAL, COLOUR_LEARNING_VERTICAL = 0.1, 0.04
+UNCOLOURED = 0.1  # correlation that a white noise assumed too large makes by itself
+LEAST_SCALE, MOST_SCALE = 0.02, 25.0  # of a learnt variance against what is claimed
+LEAST_IMU_SCALE = 0.3  # the floor of the GNSS velocity's noise makes innovations small that do not speak for the IMU
+MOST_COLOUR = 8.0  # times the floor of the coloured sigma
+
+
+@compiled
+def learn(scale, nis, m, share, least):
+    """A variance scale after one NIS of m degrees: the gradient of its likelihood, weighted by the share R / S that is its doing."""
+    surprise = min(nis / m, 10.0) - 1.0
+    return min(max(scale * math.exp(LEARNING * share * surprise), least), MOST_SCALE)
+
+
+@compiled
+def learn_colour(s, r, S, axis, first, count):
+    """Let the sigma of the coloured error follow the correlation of successive position innovations, which is none where it is right."""
+    rho = 0.0
+    for i in range(first, first + count):
+        rho += r[i] * s[L.LAST_INNOVATION + i] / S[i]
+        s[L.LAST_INNOVATION + i] = r[i]
+    rho = min(max(rho / count, -3.0), 3.0)
+    floor = s[L.COLOUR_FLOOR + axis]
+    rate = COLOUR_LEARNING_HORIZONTAL if axis == 0 else COLOUR_LEARNING_VERTICAL
+    s[L.COLOUR + axis] = min(max(s[L.COLOUR + axis] * math.exp(rate * (rho - UNCOLOURED)), floor), MOST_COLOUR * floor)

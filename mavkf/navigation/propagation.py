@@ -1,0 +1,257 @@
+"""From one time to the next: the begin of a session, state and covariance over an interval, and the noise that goes with it."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models import constant_velocity, strapdown
+from mavkf.models.earth import gravity
+from mavkf.models.rotation import rotation_matrix
+from mavkf.models.strapdown import (
+    BA,
+    BG,
+    DBA,
+    DBARO,
+    DBG,
+    DDELAY,
+    DFIELD,
+    DGNSS,
+    DIRON,
+    GNSS,
+    HEIGHT,
+    LATITUDE,
+    POS,
+    THETA,
+    TOP,
+    VEL,
+    N,
+    Q,
+)
+from mavkf.navigation import layout as L
+from mavkf.navigation.layout import Parameter
+from mavkf.navigation.yaw_bank import predict_bank
+from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
+
+DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
+REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
+COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
+
+
+@compiled
+def begin(s, c):
+    """Fill the state with the start of a session."""
+    s[:] = 0.0
+    s[L.X] = 1.0
+    for i in (
+        L.T,
+        L.T_IMU,
+        L.T_FIX,
+        L.T_POSITION,
+        L.T_VELOCITY,
+        L.T_BAROMETER,
+        L.T_GRAVITY,
+        L.T_PREVIOUS_FIX,
+        L.REFUSED_SINCE,
+        L.ORIGIN_LATITUDE,
+        L.ORIGIN_LONGITUDE,
+        L.ORIGIN_HEIGHT,
+        L.UNDULATION,
+        L.DECLINATION,
+        L.STRENGTH,
+        L.T_FIELD,
+        L.REST_SINCE,
+        L.FIELD_REFUSED_SINCE,
+    ):
+        s[i] = np.nan
+    s[L.T_MAGNETOMETER] = -1.0
+    s[L.T_REST] = -1.0
+    s[L.ARMED] = -1.0
+    s[L.SCALE_VELOCITY] = 1.0
+    s[L.SCALE_IMU] = 1.0
+    for i in range(2):
+        s[L.SCALE_POSITION + i] = 1.0
+    s[L.PERIOD] = c[Parameter.IMU_PERIOD]
+    s[L.RATE : L.RATE + 3] = np.nan
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    for i in range(3):
+        P[THETA + i, THETA + i] = 9.0
+        P[VEL + i, VEL + i] = 100.0
+        P[POS + i, POS + i] = 1e6
+        P[DBG + i, DBG + i] = c[Parameter.GYRO_BIAS] ** 2
+        P[DBA + i, DBA + i] = c[Parameter.ACCEL_BIAS] ** 2
+        P[DIRON + i, DIRON + i] = c[Parameter.IRON] ** 2
+        P[DFIELD + i, DFIELD + i] = c[Parameter.EARTH_FIELD] ** 2
+    P[DBARO, DBARO] = 1.0
+    P[DDELAY, DDELAY] = c[Parameter.DELAY] ** 2
+
+
+@compiled
+def add_noise(P, c, gyro, accel, dt):
+    """Add the noise of dt to the diagonal: densities `gyro` (rad^2/s) and `accel` (m^2/s^3), and the walks of the biases."""
+    for i in range(3):
+        P[THETA + i, THETA + i] += gyro * dt
+        P[VEL + i, VEL + i] += accel * dt
+        P[DBG + i, DBG + i] += c[Parameter.GYRO_WALK] ** 2 * dt
+        P[DBA + i, DBA + i] += c[Parameter.ACCEL_WALK] ** 2 * dt
+    P[DBARO, DBARO] += c[Parameter.BARO_WALK] ** 2 * dt
+    P[DDELAY, DDELAY] += c[Parameter.DELAY_WALK] ** 2 * dt
+
+
+@compiled
+def propagate_covariance(P, Phi):
+    """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity."""
+    A = np.zeros((9, N))
+    for i in range(9):
+        for k in range(TOP):
+            p = Phi[i, k]
+            if p != 0.0:
+                for j in range(N):
+                    A[i, j] += p * P[k, j]
+    for i in range(9):
+        for j in range(9, N):
+            P[i, j] = A[i, j]
+            P[j, i] = A[i, j]
+    for i in range(9):
+        for j in range(i, 9):
+            total = 0.0
+            for k in range(TOP):
+                total += A[i, k] * Phi[j, k]
+            P[i, j] = total
+            P[j, i] = total
+
+
+@compiled
+def decay_colour(s, c, dt):
+    """The coloured GNSS error falls off, and is renewed: e <- phi e, variance phi^2 P + (1 - phi^2) sigma^2 with phi = exp(-dt / tau)."""
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    phi = math.exp(-dt / c[Parameter.COLOUR_TIME])
+    for i in range(3):
+        s[GNSS + i] *= phi
+        for j in range(N):
+            P[DGNSS + i, j] *= phi
+        for j in range(N):
+            P[j, DGNSS + i] *= phi
+        P[DGNSS + i, DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
+
+
+@compiled
+def at_rest(x, imu):
+    """A sample (6,) with the gyro as it would be if the body stood still on the earth: the earth's rate and the bias."""
+    C = np.empty((3, 3))
+    frame = np.empty(6)
+    still = imu.copy()
+    rotation_matrix(x[Q : Q + 4], C)
+    strapdown.rates_of_frame(x, frame)
+    for i in range(3):
+        still[i] = x[BG + i]
+        for j in range(3):
+            still[i] += C[j, i] * frame[j]
+    return still
+
+
+@compiled
+def step(s, c, imu0, imu1, dt, gyro, accel):
+    """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
+    x = s[L.X : L.P]
+    P = s[L.P : L.P + N * N].reshape((N, N))
+    Phi = np.empty((9, TOP))
+    average = np.empty(21)
+    if s[L.RESTING] != 0.0:
+        imu0 = at_rest(x, imu0)
+        imu1 = at_rest(x, imu1)
+        gyro = REST_DRIFT**2
+    if s[L.STRAPDOWN] != 0.0:
+        strapdown.propagate(x, imu0, imu1, dt, average)
+        strapdown.transition(x, average, dt, Phi)
+    else:
+        constant_velocity.propagate(x, imu0, imu1, dt, average)
+        constant_velocity.transition(x, average, dt, Phi)
+        if s[L.BANK_UPDATES] > 0.0:
+            predict_bank(s, imu0, imu1, dt)
+        # white acceleration with the power of one that lasts its time constant: 2 sigma^2 tau
+        accel = (
+            2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME] if s[L.POSITION_KNOWN] != 0.0 else 0.0
+        )
+    if s[L.RESTING] != 0.0:
+        # the gyro was not asked, so its bias did no harm
+        for i in range(9):
+            for j in range(3):
+                Phi[i, DBG + j] = 0.0
+    add_noise(P, c, gyro, accel, 0.5 * dt)
+    propagate_covariance(P, Phi)
+    add_noise(P, c, gyro, accel, 0.5 * dt)
+    decay_colour(s, c, dt)
+    s[L.T] += dt
+
+
+@compiled
+def coast(s, c, t):
+    """Advance to time t without an IMU: the velocity is kept, what the vehicle may do meanwhile is noise."""
+    dt = t - s[L.T]
+    if not dt > 0.0:
+        return
+    model = s[L.STRAPDOWN]
+    s[L.STRAPDOWN] = 0.0
+    s[L.BANK_UPDATES] = 0.0  # the guesses have missed a motion
+    still = np.zeros(6)
+    still[0:3] = s[BG : BG + 3]
+    steps = min(100, int(dt) + 1)
+    for _ in range(steps):
+        step(s, c, still, still, dt / steps, COAST_RATE**2, 0.0)
+    s[L.STRAPDOWN] = model
+    s[L.T] = t
+    s[L.RATE : L.RATE + 3] = np.nan
+
+
+@compiled
+def set_acceleration(s, imu):
+    """Keep the acceleration in n (m/s^2) that a sample (6,) at the state's time shows; it is what makes a delay visible."""
+    if s[L.STRAPDOWN] == 0.0:
+        for i in range(3):
+            s[L.ACCELERATION + i] = 0.0
+        return
+    C = np.empty((3, 3))
+    rotation_matrix(s[Q : Q + 4], C)
+    for i in range(3):
+        s[L.ACCELERATION + i] = gravity(s[LATITUDE], s[HEIGHT]) if i == 2 else 0.0
+        for j in range(3):
+            s[L.ACCELERATION + i] += C[i, j] * (imu[3 + j] - s[BA + j])
+
+
+@compiled
+def watch_samples(s, e, c, imu, dt):
+    """Noise densities in use from how much successive samples differ: what happens between them is not seen.
+
+    A quarter of dt times the larger of now and the 20 s average of the squared differences, plus the rounding to whole counts. Returns
+    the squared differences of now, gyro and accelerometer, per axis.
+    """
+    gyro = 0.0
+    accel = 0.0
+    for i in range(3):
+        gyro += (imu[i] - s[L.IMU + i]) ** 2 / 3.0
+        accel += (imu[3 + i] - s[L.IMU + 3 + i]) ** 2 / 3.0
+    weight = 1.0 - math.exp(-dt / DIFFERENCE_TIME)
+    s[L.DIFFERENCE_GYRO] += weight * (gyro - s[L.DIFFERENCE_GYRO])
+    s[L.DIFFERENCE_ACCEL] += weight * (accel - s[L.DIFFERENCE_ACCEL])
+    share = c[Parameter.SAMPLING] * dt * s[L.SCALE_IMU]
+    s[L.NOISE_GYRO] = (
+        c[Parameter.GYRO] ** 2 + share * max(gyro, s[L.DIFFERENCE_GYRO]) + dt * e[GYRO_RESOLUTION] ** 2 / 12.0
+    )
+    s[L.NOISE_ACCEL] = (
+        c[Parameter.ACCEL] ** 2 + share * max(accel, s[L.DIFFERENCE_ACCEL]) + dt * e[ACCEL_RESOLUTION] ** 2 / 12.0
+    )
+    return gyro, accel
+
+
+@compiled
+def untruncated(e, c, imu):
+    """Fill imu (6,) with the sample; values that were cut off toward zero to whole counts are half a count larger in the mean."""
+    for i in range(6):
+        value = e[GYRO + i]
+        count = c[Parameter.TRUNCATION] * (e[GYRO_RESOLUTION] if i < 3 else e[ACCEL_RESOLUTION])
+        if value > 0.0:
+            value += 0.5 * count
+        elif value < 0.0:
+            value -= 0.5 * count
+        imu[i] = value
