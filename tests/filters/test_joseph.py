@@ -94,6 +94,26 @@ def test_a_gain_that_is_not_the_best_leaves_a_larger_covariance() -> None:
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
+def test_a_considered_state_is_left_alone_but_counts(m: int) -> None:
+    random = np.random.default_rng(m)
+    n, considered = 6, 4
+    P, H, R, r = positive(random, n), random.normal(size=(m, n)), positive(random, m), random.normal(size=m)
+    PHt, S, inverse, dx = np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty(n)
+    innovation_covariance(P, H, R, PHt, S)
+    assert invert(S, inverse)
+    K = P @ H.T @ np.linalg.inv(S)
+    K[considered] = 0.0
+    A = np.eye(n) - K @ H
+    expected = A @ P @ A.T + K @ R @ K.T
+    after = P.copy()
+    correct(after, H, R, PHt, inverse, r, dx, considered)
+    np.testing.assert_allclose(dx, K @ r, rtol=1e-9, atol=1e-12)
+    assert dx[considered] == 0.0
+    np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-9 * np.abs(P).max())
+    assert after[considered, considered] == pytest.approx(P[considered, considered])
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
 def test_inverse(m: int) -> None:
     for seed in range(50):
         S, inverse = positive(np.random.default_rng([m, seed]), m), np.empty((m, m))
