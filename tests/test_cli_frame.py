@@ -4,7 +4,6 @@ import json
 import os
 import pty
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -34,15 +33,6 @@ POSE = Pose(
     mode=Mode.NAVIGATING,
     flags=("still",),
 )
-
-
-@pytest.fixture
-def rendezvous(monkeypatch: pytest.MonkeyPatch) -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    monkeypatch.setenv("MAVKF_RENDEZVOUS", endpoint)
-    return endpoint
 
 
 def run(

@@ -2,7 +2,6 @@
 
 import os
 import queue
-import socket
 import subprocess
 import sys
 import threading
@@ -36,15 +35,6 @@ def make_pose(seq: int = 0, vehicle: str = "1-1", **fields: object) -> Pose:
         "flags": ("still",),
     }
     return Pose(vehicle=vehicle, seq=seq, **(values | fields))  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def rendezvous(monkeypatch: pytest.MonkeyPatch) -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    monkeypatch.setenv("MAVKF_RENDEZVOUS", endpoint)
-    return endpoint
 
 
 class Child:

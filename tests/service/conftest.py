@@ -4,7 +4,6 @@ import json
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -33,15 +32,6 @@ Published = dict[str, list[dict[str, Any]]]
 @pytest.fixture(scope="session", autouse=True)
 def compiled() -> None:
     ensure_compiled(lambda text: print(text, file=sys.__stderr__))
-
-
-@pytest.fixture(autouse=True)
-def rendezvous(monkeypatch: pytest.MonkeyPatch) -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    monkeypatch.setenv("MAVKF_RENDEZVOUS", endpoint)
-    return endpoint
 
 
 @pytest.fixture(scope="session")
