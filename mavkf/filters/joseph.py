@@ -103,6 +103,7 @@ def correct(P, H, R, PHt, inverse, r, dx, considered):
         for i in range(n):
             for j in range(n):
                 P[i, j] -= K[i, b] * PHt[j, b]
+    # P1 H' by the rows of P1: with a considered state it is not symmetric, so the columns would not do
     M = np.empty((n, m))
     for b in range(m):
         for i in range(n):

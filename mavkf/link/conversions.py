@@ -150,7 +150,6 @@ MESSAGES: dict[Source, tuple[int, tuple[Reading, ...]]] = {
 
 # Columns of the table of readings. A type is the number of bytes, negative if signed; 0 is a float of four bytes.
 OFFSET, TYPE, SLOT, SCALE, UNKNOWN = range(5)
-READING_COLUMNS = 5
 
 
 class Tables(NamedTuple):
@@ -159,7 +158,7 @@ class Tables(NamedTuple):
     sources:   `Source` of each message id (int8), -1 for messages that give no rows.
     families:  family of each source.
     first:     where the readings of each source begin; one more at the end.
-    readings:  (k, READING_COLUMNS) float64.
+    readings:  (k, 5) float64.
     """
 
     sources: NDArray[np.int8]

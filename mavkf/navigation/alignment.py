@@ -20,7 +20,6 @@ YAW_ARBITRARY = (
     0.01  # rad: one sigma about a heading that is arbitrary until yaw is found, so that levelling does not turn it
 )
 GYRO_STILL = 2e-3  # rad/s: how well a still second tells the gyro bias, vibration and counts included
-GYRO_BIAS_LARGEST = 0.2  # rad/s: more is a rotation, not a bias
 
 
 @compiled

@@ -13,9 +13,10 @@ from mavkf.navigation.pose import pose_row
 from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME
 
 STRIDE = 16  # events between snapshots
+ROOM = 512  # rows that must be left in an output buffer before an event is taken
 # The cursor: whole numbers that a live run keeps beside its arrays.
-EVENTS, FOLDED, LAST_SLOT, POSES, LATE = range(5)
-CURSOR_SIZE = 5
+EVENTS, FOLDED, LAST_SLOT, LATE = range(4)
+CURSOR_SIZE = 4
 NEWEST_IMU, NEWEST, FORGOTTEN = (
     0,
     1,
@@ -56,6 +57,13 @@ def slot_of(t, rate):
 
 
 @compiled
+def is_full(count, poses, out):
+    """Whether what one event may write (a late one: records of all that is folded again) might not fit into the output buffers."""
+    counts = out[2]
+    return count >= poses.shape[0] or counts[0] + ROOM > out[0].shape[0] or counts[1] + ROOM > out[1].shape[0]
+
+
+@compiled
 def run_batch(s, events, first, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.
 
@@ -63,10 +71,9 @@ def run_batch(s, events, first, c, rate, poses, out):
     """
     count = 0
     slot = slot_of(s[L.T], rate) if math.isfinite(s[L.T]) else -1
-    counts = out[2]
     i = first
     while i < events.shape[0]:
-        if count >= poses.shape[0] or counts[0] + 80 > out[0].shape[0] or counts[1] + 80 > out[1].shape[0]:
+        if is_full(count, poses, out):
             break
         e = events[i]
         makes_pose = publishes(e, s[L.T_IMU], c)
@@ -128,10 +135,9 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
     number of pose rows (stops where a buffer might overflow).
     """
     count = 0
-    counts = out[2]
     i = first
     while i < arrived.shape[0]:
-        if count >= poses.shape[0] or counts[0] + 80 > out[0].shape[0] or counts[1] + 80 > out[1].shape[0]:
+        if is_full(count, poses, out):
             break
         e = arrived[i]
         i += 1
