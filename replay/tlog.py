@@ -103,7 +103,7 @@ def read_tlog(path: Path, progress: Callable[[float], object] | None = None) -> 
     Raises LogError if the file cannot be opened, is empty, or holds no MAVLink frame.
     """
     path = Path(path)
-    data = _map(path)
+    data = map_log(path)
     frames, damage = scan_records(data, progress)
     if len(frames) == 0:
         raise LogError(f"{path} holds no MAVLink frame; give a telemetry log (.tlog) of a ground station.")
@@ -114,7 +114,8 @@ def read_tlog(path: Path, progress: Callable[[float], object] | None = None) -> 
     return Log(path, data.size, data, frames, damage, refused, rows)
 
 
-def _map(path: Path) -> NDArray[np.uint8]:
+def map_log(path: Path) -> NDArray[np.uint8]:
+    """Map a file's bytes (uint8). Raises LogError if there is no such file, or it is empty or cannot be read."""
     if path.is_dir():
         raise LogError(f"{path} is a folder; give one log file inside it.")
     try:

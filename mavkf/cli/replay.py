@@ -20,6 +20,7 @@ from mavkf.publish.session import publishing_session
 from mavkf.replay.export import write_csv
 from mavkf.replay.run import Options, Result, imu_source, run
 from mavkf.replay.summary import estimated, summarise
+from mavkf.replay.tlog import map_log
 from mavkf.service.vehicle import Step, VehicleStream
 from mavkf.service.warmup import ensure_compiled
 
@@ -95,6 +96,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
         model=model,
         config=with_settings(read_config(config) if config else Config(), set),
     )
+    map_log(log)  # a wrong path is said at once, not after the compiler
     ensure_compiled(say)
     with (
         _progress(log) as progress,

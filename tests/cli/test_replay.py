@@ -29,3 +29,11 @@ def test_where_to_publish_without_publishing_is_wrong_usage(log: Path, capsys: p
 def test_a_span_without_samples_is_said(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(log), "--from", "500"]) == 1
     assert "--from" in capsys.readouterr().err
+
+
+def test_a_wrong_path_is_said_before_anything_is_compiled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mavkf.cli.replay.ensure_compiled", lambda say: pytest.fail("compiled first"))
+    assert main(["replay", str(tmp_path / "nothere.tlog")]) == 1
+    assert "does not exist" in capsys.readouterr().err
