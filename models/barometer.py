@@ -1,7 +1,7 @@
 """What a barometer shows: the height in the standard atmosphere, with a bias that follows the weather."""
 
 from mavkf.compiled import compiled
-from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS, N
+from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 
 
 @compiled
@@ -18,8 +18,8 @@ def predict(x):
 
 @compiled
 def jacobian(H):
-    """H (1, N) of `predict`; the position error is down, the height is up."""
-    for j in range(N):
+    """H (1, n) of `predict`; the position error is down, the height is up."""
+    for j in range(H.shape[1]):
         H[0, j] = 0.0
     H[0, POS + 2] = -1.0
     H[0, DBARO] = 1.0

@@ -8,7 +8,11 @@ through the velocity while the vehicle accelerates; the position alone cannot te
 """
 
 from mavkf.compiled import compiled
-from mavkf.models.strapdown import DDELAY, DELAY, DGNSS, GNSS, POS, VEL, N, V
+from mavkf.models.strapdown import DDELAY, DELAY, DGNSS, GNSS, POS, VEL, V
+
+# Behind the states of the kinematic models: where the antenna is from the IMU, in b, m
+ANTENNA, DANTENNA = 33, 32
+X_SIZE, STATES_MOST = 36, 35
 
 
 @compiled
@@ -21,10 +25,10 @@ def predict_position(x, a, z_hat):
 
 @compiled
 def position_jacobian(x, a, H):
-    """H (3, N) of `predict_position` with the position itself."""
+    """H (3, n) of `predict_position` with the position itself."""
     delta = x[DELAY]
     for i in range(3):
-        for j in range(N):
+        for j in range(H.shape[1]):
             H[i, j] = 0.0
         H[i, POS + i] = 1.0
         H[i, VEL + i] = -delta
@@ -41,9 +45,9 @@ def predict_velocity(x, a, z_hat):
 
 @compiled
 def velocity_jacobian(x, a, H):
-    """H (3, N) of `predict_velocity`."""
+    """H (3, n) of `predict_velocity`."""
     for i in range(3):
-        for j in range(N):
+        for j in range(H.shape[1]):
             H[i, j] = 0.0
         H[i, VEL + i] = 1.0
         H[i, DDELAY] = -a[i]

@@ -6,7 +6,7 @@ With the attitude error on the left, C_true' m = C' (m + [m x] dtheta), so the J
 """
 
 from mavkf.compiled import compiled
-from mavkf.models.strapdown import DFIELD, DIRON, EARTH_FIELD, IRON, THETA, N
+from mavkf.models.strapdown import DFIELD, DIRON, EARTH_FIELD, IRON, THETA
 
 
 @compiled
@@ -20,9 +20,9 @@ def predict(x, C, z_hat):
 
 @compiled
 def jacobian(x, C, H):
-    """H (3, N) of `predict`."""
+    """H (3, n) of `predict`."""
     for i in range(3):
-        for j in range(N):
+        for j in range(H.shape[1]):
             H[i, j] = 0.0
         for j in range(3):
             k, m = (j + 1) % 3, (j + 2) % 3

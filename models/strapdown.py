@@ -180,12 +180,15 @@ def transition(x, average, dt, Phi):
 
 @compiled
 def retract(x, dx):
-    """x <- x boxplus dx, in place: left rotation by dtheta_n, metres in n for the position, sums for the rest."""
+    """x <- x boxplus dx (n,), in place: left rotation by dtheta_n, metres in n for the position, sums for the rest.
+
+    n may be larger than N: what other models add to the state follows in the order of dx.
+    """
     rotate_left(x[Q : Q + 4], dx[THETA], dx[THETA + 1], dx[THETA + 2])
     for i in range(3):
         x[V + i] += dx[VEL + i]
     move(x, dx[POS], dx[POS + 1], dx[POS + 2])
-    for i in range(N - DBG):
+    for i in range(dx.shape[0] - DBG):
         x[BG + i] += dx[DBG + i]
 
 
@@ -202,5 +205,5 @@ def local(x, y, dx):
     dx[POS] = (y[LATITUDE] - x[LATITUDE]) * (meridian + x[HEIGHT])
     dx[POS + 1] = wrap_angle(y[LONGITUDE] - x[LONGITUDE]) * (transverse + x[HEIGHT]) * math.cos(x[LATITUDE])
     dx[POS + 2] = x[HEIGHT] - y[HEIGHT]
-    for i in range(N - DBG):
+    for i in range(dx.shape[0] - DBG):
         dx[DBG + i] = y[BG + i] - x[BG + i]

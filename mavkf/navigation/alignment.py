@@ -7,7 +7,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_matrix
-from mavkf.models.strapdown import BA, BG, DBA, DBARO, DBG, THETA, N, Q
+from mavkf.models.strapdown import BA, BG, DBA, DBARO, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.layout import NoteCode, Parameter
@@ -64,7 +64,7 @@ def collect(s, e_imu, t, c, out):
     s[L.ALIGNED] = 1.0
     s[L.YAW_KNOWN] = 0.0
     s[L.T] = t
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     note(out, NoteCode.ALIGNED, s[L.ALIGN_START], t, math.sqrt(P[THETA, THETA]), 1.0 if still else 0.0, force)
     return True
 
@@ -77,7 +77,7 @@ def set_covariance(s, c, still, unrest):
     correlated from the start.
     """
     x = s[L.X : L.P]
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     C = np.empty((3, 3))
     rotation_matrix(x[Q : Q + 4], C)
     bias = c[Parameter.ACCEL_BIAS] ** 2
@@ -101,14 +101,14 @@ def turn_heading(s, turn, variance):
 
     The tilt's part of P turns with it: it is the error of the same body axes, seen from another north.
     """
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     rotate_left(s[Q : Q + 4], 0.0, 0.0, turn)
     c, d = math.cos(turn), math.sin(turn)
-    for j in range(N):
+    for j in range(P.shape[0]):
         north, east = P[THETA, j], P[THETA + 1, j]
         P[THETA, j] = c * north - d * east
         P[THETA + 1, j] = d * north + c * east
-    for j in range(N):
+    for j in range(P.shape[0]):
         north, east = P[j, THETA], P[j, THETA + 1]
         P[j, THETA] = c * north - d * east
         P[j, THETA + 1] = d * north + c * east

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
-from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, N, V
+from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.fusing import note
@@ -48,11 +48,11 @@ def choose_model(s, c, out):
         and s[L.YAW_KNOWN] != 0.0
         and s[L.POSITION_KNOWN] != 0.0
     )
-    if wanted and s[L.STRAPDOWN] == 0.0:
-        s[L.STRAPDOWN] = 1.0
+    if wanted and s[L.MODEL] != L.STRAPDOWN:
+        s[L.MODEL] = L.STRAPDOWN
         note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 1.0, 0.0)
-    elif not wanted and s[L.STRAPDOWN] != 0.0:
-        s[L.STRAPDOWN] = 0.0
+    elif not wanted and s[L.MODEL] == L.STRAPDOWN:
+        s[L.MODEL] = L.CONSTANT_VELOCITY
         note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 0.0, 0.0)
 
 
@@ -61,7 +61,7 @@ def watch_position(s, out):
     """Tell of an outage; give the position up when nobody could use it; refuse the neighbourhood of the poles."""
     if s[L.POSITION_KNOWN] == 0.0:
         return
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     since = s[L.T] - s[L.T_POSITION]
     if since > OUTAGE_AFTER and s[L.OUTAGE] == 0.0:
         s[L.OUTAGE] = 1.0
@@ -81,10 +81,10 @@ def watch_position(s, out):
         s[L.POSITION_KNOWN] = 0.0
         s[L.FIX_COUNT] = 0.0
         s[L.OUTAGE] = 0.0
-        s[L.STRAPDOWN] = 0.0
+        s[L.MODEL] = L.CONSTANT_VELOCITY
         for first in (VEL, POS):
             for i in range(first, first + 3):
-                for j in range(N):
+                for j in range(P.shape[0]):
                     P[i, j] = 0.0
                     P[j, i] = 0.0
                 P[i, i] = 100.0 if first == VEL else 1e6
@@ -120,7 +120,7 @@ def use_imu(s, e, c, out):
         s[L.GAP_COUNT] += 1.0
         s[L.GAP_LONGEST] = max(s[L.GAP_LONGEST], dt)
         note(out, NoteCode.IMU_GAP, s[L.T_IMU], t, dt, 0.0, 0.0)
-        s[L.RECOVERING] = FIXES_AFTER_GAP if s[L.STRAPDOWN] != 0.0 else 0.0
+        s[L.RECOVERING] = FIXES_AFTER_GAP if s[L.MODEL] == L.STRAPDOWN else 0.0
     if not first and not gap:
         s[L.PERIOD] = dt if s[L.PERIOD] == 0.0 else s[L.PERIOD] + (dt - s[L.PERIOD]) * min(1.0, dt / 2.0 + 0.02)
         gyro, accel = watch_samples(s, e, c, imu, dt)
@@ -138,7 +138,7 @@ def use_imu(s, e, c, out):
         s[L.IMU + i] = imu[i]
     for i in range(3):
         s[L.RATE + i] = imu[i] - s[BG + i]
-    if s[L.ALIGNED] != 0.0 and s[L.STRAPDOWN] == 0.0:
+    if s[L.ALIGNED] != 0.0 and s[L.MODEL] != L.STRAPDOWN:
         level(s, e, c, out)
     if s[L.ALIGNED] != 0.0 and c[Parameter.REST] != 0.0:
         rest(s, e, c, out, gyro, accel)

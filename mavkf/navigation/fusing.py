@@ -8,7 +8,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
-from mavkf.models.strapdown import DDELAY, N, retract
+from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter, Reason
 from mavkf.samples import SOURCE
@@ -61,11 +61,11 @@ def record(out, e, t, sensor, r, S, nis, limit, reason):
 def fuse(s, e, c, out, sensor, r, H, R, suspect):
     """Judge and fuse one vector; returns its NIS, or -1 where it was not fused.
 
-    r: (m,), H: (m, N), R: (m, m); `suspect`: a Reason against it, or Reason.FUSED.
+    r: (m,), H: (m, n), R: (m, m); `suspect`: a Reason against it, or Reason.FUSED.
     """
     m = r.shape[0]
-    P = s[L.P : L.P + N * N].reshape((N, N))
-    PHt = np.empty((N, m))
+    P = L.covariance(s)
+    PHt = np.empty((P.shape[0], m))
     S = np.empty((m, m))
     inverse = np.empty((m, m))
     innovation_covariance(P, H, R, PHt, S)
@@ -82,7 +82,7 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
     record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
     if reason != Reason.FUSED:
         return -1.0
-    dx = np.empty(N)
+    dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_DELAY else -1
     correct(P, H, R, PHt, inverse, r, dx, considered)
@@ -93,9 +93,9 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
 @compiled
 def forget(s, first, count, variance):
     """Cut error states first..first+count loose from all others and give each this variance."""
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     for i in range(first, first + count):
-        for j in range(N):
+        for j in range(P.shape[0]):
             P[i, j] = 0.0
             P[j, i] = 0.0
         P[i, i] = variance

@@ -1,12 +1,13 @@
 """Where everything is: the state of the fold, the parameters, the events, and the rows that come out.
 
 The fold's whole memory is one flat float64 array, so that a snapshot is a copy and equality is equality of bits: nominal state,
-covariance, then bookkeeping by name. Flags and counts are whole numbers in float64, which is exact up to 2^53.
+covariance (of as many error states as are in use), then bookkeeping by name. Flags and counts are whole numbers in float64, which is exact up to 2^53.
 """
 
 from enum import IntEnum
 
-from mavkf.models.strapdown import X_SIZE, N
+from mavkf.compiled import compiled
+from mavkf.models.gnss import STATES_MOST, X_SIZE
 from mavkf.samples import ROW_WIDTH
 
 # An event is a sample row whose TIME is the time it was measured (stamp less delay, s), and:
@@ -16,13 +17,14 @@ EVENT_WIDTH = ROW_WIDTH + 4
 
 X = 0
 P = X_SIZE
-_book = P + N * N
+_book = P + STATES_MOST * STATES_MOST
 (
     T,  # s, boot clock: what x and P are valid for
     ALIGNED,  # 1: attitude known but for yaw
     YAW_KNOWN,
     POSITION_KNOWN,
-    STRAPDOWN,  # 1: the strapdown model carries velocity and position, 0: constant velocity
+    MODEL,  # what carries velocity and position: CONSTANT_VELOCITY, STRAPDOWN or TELEMETRY
+    STATES,  # number of error states in use: P is (STATES, STATES)
     BAROMETER_KNOWN,
     T_IMU,  # last IMU sample, NaN: none
     PERIOD,  # s between IMU samples, running mean
@@ -67,8 +69,8 @@ _book = P + N * N
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
     BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 49)
-IMU = _book + 49  # last sample: omega_b, f_b
+) = range(_book, _book + 50)
+IMU = _book + 50  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
@@ -84,6 +86,9 @@ BANK = LAST_INNOVATION + 3
 PENDING = BANK + GUESSES * GUESS
 PENDING_CAPACITY = 32
 STATE_SIZE = PENDING + PENDING_CAPACITY * EVENT_WIDTH
+
+
+CONSTANT_VELOCITY, STRAPDOWN, TELEMETRY = 0.0, 1.0, 2.0  # values of MODEL
 
 
 class Parameter(IntEnum):
@@ -230,3 +235,10 @@ class NoteCode(IntEnum):
 
 
 NOTE_CODES = len(NoteCode)
+
+
+@compiled
+def covariance(s):
+    """P (STATES, STATES) of a state, as a view."""
+    n = int(s[STATES])
+    return s[P : P + n * n].reshape((n, n))

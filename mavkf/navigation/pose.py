@@ -6,7 +6,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models.rotation import euler_angles
-from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, N, Q, V, offset
+from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, Q, V, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Flag, ModeCode, Parameter
 
@@ -41,7 +41,7 @@ def flags_of(s, c):
         flags |= 1 << Flag.YAW_UNKNOWN.value
     if c[Parameter.WANT_STRAPDOWN] == 0.0 and math.isfinite(s[L.T_IMU]):
         flags |= 1 << Flag.IMU_SLOW.value
-    if s[L.POSITION_KNOWN] != 0.0 and s[L.STRAPDOWN] == 0.0:
+    if s[L.POSITION_KNOWN] != 0.0 and s[L.MODEL] != L.STRAPDOWN:
         flags |= 1 << Flag.CONSTANT_VELOCITY.value
     return flags
 
@@ -54,7 +54,7 @@ def valid_of(s):
     """
     if s[L.RECOVERING] > 0.0 and s[L.POSITION_KNOWN] != 0.0:
         return 0
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     valid = 0
     if s[L.POSITION_KNOWN] != 0.0:
         if P[POS, POS] + P[POS + 1, POS + 1] < 2.0 * POSITION_LIMIT**2:
@@ -86,13 +86,13 @@ def sigma_euler(P, q, euler, out):
 @compiled
 def pose_row(s, c, row):
     """Fill a pose row (POSE_WIDTH,) from a state; NaN where nothing is known."""
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     row[:] = np.nan
     row[L.R_TIME] = s[L.T]
     row[L.R_MODE] = mode_of(s)
     row[L.R_FLAGS] = flags_of(s, c)
     row[L.R_VALID] = valid_of(s)
-    row[L.R_MODEL] = s[L.STRAPDOWN]
+    row[L.R_MODEL] = s[L.MODEL]
     row[L.R_UNDULATION] = s[L.UNDULATION]
     for i in range(3):
         row[L.R_ORIGIN_LATITUDE + i] = s[L.ORIGIN_LATITUDE + i]

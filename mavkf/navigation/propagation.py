@@ -43,6 +43,7 @@ def begin(s, c):
     """Fill the state with the start of a session."""
     s[:] = 0.0
     s[L.X] = 1.0
+    s[L.STATES] = N
     for i in (
         L.T,
         L.T_IMU,
@@ -73,7 +74,7 @@ def begin(s, c):
         s[L.SCALE_POSITION + i] = 1.0
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
     s[L.RATE : L.RATE + 3] = np.nan
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     for i in range(3):
         P[THETA + i, THETA + i] = 9.0
         P[VEL + i, VEL + i] = 100.0
@@ -101,15 +102,16 @@ def add_noise(P, c, gyro, accel, dt):
 @compiled
 def propagate_covariance(P, Phi):
     """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity."""
-    A = np.zeros((9, N))
+    n = P.shape[0]
+    A = np.zeros((9, n))
     for i in range(9):
         for k in range(TOP):
             p = Phi[i, k]
             if p != 0.0:
-                for j in range(N):
+                for j in range(n):
                     A[i, j] += p * P[k, j]
     for i in range(9):
-        for j in range(9, N):
+        for j in range(9, n):
             P[i, j] = A[i, j]
             P[j, i] = A[i, j]
     for i in range(9):
@@ -124,13 +126,13 @@ def propagate_covariance(P, Phi):
 @compiled
 def decay_colour(s, c, dt):
     """The coloured GNSS error falls off, and is renewed: e <- phi e, variance phi^2 P + (1 - phi^2) sigma^2 with phi = exp(-dt / tau)."""
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     phi = math.exp(-dt / c[Parameter.COLOUR_TIME])
     for i in range(3):
         s[GNSS + i] *= phi
-        for j in range(N):
+        for j in range(P.shape[0]):
             P[DGNSS + i, j] *= phi
-        for j in range(N):
+        for j in range(P.shape[0]):
             P[j, DGNSS + i] *= phi
         P[DGNSS + i, DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
 
@@ -154,14 +156,14 @@ def at_rest(x, imu):
 def step(s, c, imu0, imu1, dt, gyro, accel):
     """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
     x = s[L.X : L.P]
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     Phi = np.empty((9, TOP))
     average = np.empty(21)
     if s[L.RESTING] != 0.0:
         imu0 = at_rest(x, imu0)
         imu1 = at_rest(x, imu1)
         gyro = REST_DRIFT**2
-    if s[L.STRAPDOWN] != 0.0:
+    if s[L.MODEL] == L.STRAPDOWN:
         strapdown.propagate(x, imu0, imu1, dt, average)
         strapdown.transition(x, average, dt, Phi)
     else:
@@ -191,15 +193,15 @@ def coast(s, c, t):
     dt = t - s[L.T]
     if not dt > 0.0:
         return
-    model = s[L.STRAPDOWN]
-    s[L.STRAPDOWN] = 0.0
+    model = s[L.MODEL]
+    s[L.MODEL] = L.CONSTANT_VELOCITY
     s[L.BANK_UPDATES] = 0.0  # the guesses have missed a motion
     still = np.zeros(6)
     still[0:3] = s[BG : BG + 3]
     steps = min(100, int(dt) + 1)
     for _ in range(steps):
         step(s, c, still, still, dt / steps, COAST_RATE**2, 0.0)
-    s[L.STRAPDOWN] = model
+    s[L.MODEL] = model
     s[L.T] = t
     s[L.RATE : L.RATE + 3] = np.nan
 
@@ -207,7 +209,7 @@ def coast(s, c, t):
 @compiled
 def set_acceleration(s, imu):
     """Keep the acceleration in n (m/s^2) that a sample (6,) at the state's time shows; it is what makes a delay visible."""
-    if s[L.STRAPDOWN] == 0.0:
+    if s[L.MODEL] != L.STRAPDOWN:
         for i in range(3):
             s[L.ACCELERATION + i] = 0.0
         return

@@ -6,7 +6,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import barometer
-from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS, N
+from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse
 from mavkf.navigation.layout import Parameter, Reason, Sensor
@@ -22,21 +22,21 @@ def use_barometer(s, e, c, out):
         s[L.DUPLICATES] += 1.0
         return
     x = s[L.X : L.P]
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     height = barometer.pressure_height(e[PRESSURE])
     s[L.T_BAROMETER] = s[L.T]
     sigma = c[Parameter.BARO]
     if s[L.BAROMETER_KNOWN] == 0.0:
         # bias = pressure height - height: it carries the error of the height it is measured against (dp is down)
         x[BARO] = height - x[HEIGHT]
-        for j in range(N):
+        for j in range(P.shape[0]):
             P[DBARO, j] = P[POS + 2, j]
             P[j, DBARO] = P[POS + 2, j]
         P[DBARO, DBARO] = P[POS + 2, POS + 2] + sigma * sigma
         s[L.BAROMETER_KNOWN] = 1.0
         return
     r = np.empty(1)
-    H = np.empty((1, N))
+    H = np.empty((1, P.shape[0]))
     R = np.empty((1, 1))
     r[0] = height - barometer.predict(x)
     barometer.jacobian(H)

@@ -6,7 +6,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import gnss
-from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, N, V, offset
+from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, V, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
@@ -63,7 +63,7 @@ def white_variance(s, e, c, vertical):
 def set_position(s, c, e):
     """Take position and, where it is given, velocity from a fix, with the fix's covariance: p = fix - e - white."""
     x = s[L.X : L.P]
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     x[LATITUDE] = e[FIX_LATITUDE]
     x[LONGITUDE] = e[FIX_LONGITUDE]
     x[HEIGHT] = e[HEIGHT_AMSL]
@@ -129,7 +129,7 @@ def start_position(s, e, c, out):
 @compiled
 def doubt_attitude(s):
     """What threw the velocity off has thrown the attitude off too."""
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     for i in range(3):
         P[THETA + i, THETA + i] += TILT_AFTER_SHOCK**2
 
@@ -197,10 +197,10 @@ def use_gnss(s, e, c, out):
 def fuse_fix(s, e, c, out):
     """The two updates of a fix on a known position."""
     x = s[L.X : L.P]
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     r = np.empty(3)
     z_hat = np.empty(3)
-    H = np.empty((3, N))
+    H = np.empty((3, P.shape[0]))
     R = np.zeros((3, 3))
     S = np.empty(3)
     a = s[L.ACCELERATION : L.ACCELERATION + 3]
@@ -236,14 +236,14 @@ def fuse_fix(s, e, c, out):
 def fuse_velocity(s, e, c, out):
     """Fuse the velocity of a fix, as a vector of two or, where the message has the vertical one, three."""
     x = s[L.X : L.P]
-    P = s[L.P : L.P + N * N].reshape((N, N))
+    P = L.covariance(s)
     vn, ve, vd = e[VELOCITY_N], e[VELOCITY_E], e[VELOCITY_D]
     if not (math.isfinite(vn) and math.isfinite(ve)):
         return
     m = 3 if math.isfinite(vd) else 2
     r = np.empty(3)
     z_hat = np.empty(3)
-    H = np.empty((3, N))
+    H = np.empty((3, P.shape[0]))
     R = np.zeros((3, 3))
     a = s[L.ACCELERATION : L.ACCELERATION + 3]
     sigma = claimed(e, SIGMA_SPEED, c[Parameter.SPEED])
@@ -269,7 +269,7 @@ def fuse_velocity(s, e, c, out):
         s[L.T_VELOCITY] = s[L.T]
         s[L.SCALE_VELOCITY] = learn(s[L.SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
         s[L.VELOCITY_REFUSED] = 0.0
-        if s[L.STRAPDOWN] != 0.0:
+        if s[L.MODEL] == L.STRAPDOWN:
             s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)
         return
     s[L.VELOCITY_REFUSED] += 1.0

@@ -7,7 +7,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix
-from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, N, Q, V
+from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, Q, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse
 from mavkf.navigation.layout import Parameter, Reason, Sensor
@@ -46,7 +46,7 @@ def level(s, e, c, out):
     r = np.empty(2)
     for i in range(2):
         r[i] = C[i, 0] * f[0] + C[i, 1] * f[1] + C[i, 2] * f[2]
-    H = np.zeros((2, N))
+    H = np.zeros((2, int(s[L.STATES])))
     H[0, THETA + 1] = STANDARD_GRAVITY
     H[1, THETA] = -STANDARD_GRAVITY
     for i in range(2):
@@ -84,7 +84,7 @@ def rest(s, e, c, out, gyro, accel):
     s[L.T_REST] = s[L.T]
     x = s[L.X : L.P]
     r = np.empty(3)
-    H = np.zeros((3, N))
+    H = np.zeros((3, int(s[L.STATES])))
     R = np.zeros((3, 3))
     if s[L.POSITION_KNOWN] != 0.0:
         for i in range(3):
@@ -94,7 +94,7 @@ def rest(s, e, c, out, gyro, accel):
         fuse(s, e, c, out, Sensor.REST_VELOCITY, r, H, R, Reason.FUSED)
     for i in range(3):
         r[i] = s[L.IMU + i] - x[BG + i]
-        for j in range(N):
+        for j in range(H.shape[1]):
             H[i, j] = 0.0
         H[i, DBG + i] = 1.0
         R[i, i] = REST_GYRO_NOISE**2 + REST_COUNTS * e[GYRO_RESOLUTION] ** 2 / 12.0

@@ -7,7 +7,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models import magnetometer
 from mavkf.models.rotation import rotation_matrix, wrap_angle
-from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, N, Q
+from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import forget, fuse, note
@@ -51,7 +51,7 @@ def use_magnetometer(s, e, c, out):
         rotation_matrix(x[Q : Q + 4], C)
     z_hat = np.empty(3)
     r = np.empty(3)
-    H = np.empty((3, N))
+    H = np.empty((3, int(s[L.STATES])))
     R = np.zeros((3, 3))
     magnetometer.predict(x, C, z_hat)
     magnetometer.jacobian(x, C, H)

@@ -54,7 +54,7 @@ def matrix(q: Array) -> Array:
 
 
 def covariance(s: Array) -> Array:
-    return s[L.P : L.P + N * N].reshape(N, N)
+    return L.covariance(s)
 
 
 def align(C_nb: Array, gyro=(0.0, 0.0, 0.0), bias=(0.0, 0.0, 0.0), noise: float = 0.0, rate: float = 100.0):

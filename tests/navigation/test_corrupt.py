@@ -31,7 +31,7 @@ def check(rows: Array) -> Array:
     valid = poses[:, L.R_VALID].astype(int)
     for bit, columns in parts.items():
         assert np.all(np.isfinite(poses[(valid & bit) != 0][:, columns])), bit
-    P = estimator.state[L.P : L.P + N * N].reshape(N, N)
+    P = L.covariance(estimator.state)
     assert np.all(np.isfinite(P))
     np.testing.assert_array_equal(P, P.T)
     assert np.all(np.diag(P) >= 0.0)

@@ -46,7 +46,7 @@ def test_blocks_equal_the_dense_product_in_symbols() -> None:
 
 
 def test_stays_a_covariance_over_a_flight(batch: Offline) -> None:
-    P = batch.state[L.P : L.P + N * N].reshape(N, N)
+    P = L.covariance(batch.state)
     np.testing.assert_array_equal(P, P.T)
     scale = np.sqrt(np.diag(P))
     assert np.linalg.eigvalsh(P / np.outer(scale, scale)).min() > 1e-9

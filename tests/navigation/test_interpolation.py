@@ -30,7 +30,7 @@ def between(shares: list[float]) -> np.ndarray:
     s = np.empty(L.STATE_SIZE)
     begin(s, c)
     s[L.T] = s[L.T_IMU] = 10.0
-    s[L.ALIGNED] = s[L.STRAPDOWN] = 1.0
+    s[L.ALIGNED], s[L.MODEL] = 1.0, L.STRAPDOWN
     s[L.IMU : L.IMU + 6] = IMU0
     s[L.X + LATITUDE] = 0.8
     waiting = s[L.PENDING :].reshape(-1, L.EVENT_WIDTH)
