@@ -1,7 +1,8 @@
 """Where everything is: the state of the fold, the parameters, the events, and the rows that come out.
 
 The fold's whole memory is one flat float64 array, so that a snapshot is a copy and equality is equality of bits: nominal state,
-covariance (of as many error states as are in use), then bookkeeping by name. Flags and counts are whole numbers in float64, which is exact up to 2^53.
+covariance (of as many error states as are in use), then bookkeeping by name. Flags and counts are whole numbers in float64, which is
+exact up to 2^53.
 """
 
 from enum import IntEnum

@@ -11,7 +11,7 @@ from mavkf.models.rotation import (
     quaternion_from_euler,
     rotation_matrix,
 )
-from mavkf.models.strapdown import BG, DBA, DBG, THETA, N, Q
+from mavkf.models.strapdown import BG, DBA, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.propagation import begin

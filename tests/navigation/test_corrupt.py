@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavkf.models.strapdown import BARO, N
+from mavkf.models.strapdown import BARO
 from mavkf.navigation import layout as L
 from mavkf.samples import KIND, TIME, Kind
 
