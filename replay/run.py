@@ -14,13 +14,12 @@ from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
 from mavkf.link.clocks import ClockCounts, VehicleClock
 from mavkf.navigation.estimator import Output, fold_counts, joined, run_offline
-from mavkf.navigation.setup import Setup
+from mavkf.navigation.setup import MODELS, Setup
 from mavkf.replay.tlog import Log, read_tlog
 from mavkf.samples import IMU_SOURCES, KIND, SESSION, Kind, Source
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
 Array = NDArray[np.float64]
-MODELS = ("strapdown", "constant-velocity")
 BLOCK = 50_000  # rows between two calls of `progress`
 
 

@@ -27,12 +27,19 @@ _book = P + STATES_MOST * STATES_MOST
     YAW_KNOWN,
     POSITION_KNOWN,
     MODEL,  # what carries velocity and position: CONSTANT_VELOCITY, STRAPDOWN or TELEMETRY
+    WANTED,  # the model to use where it can be
+    SECOND,  # 1: another model runs beside it, in the second half of the array
+    ODDS,  # logarithm of the odds of telemetry against strapdown by likelihood, without the prior
+    T_ODDS,
+    LIKELIHOOD,  # logarithm, of what was fused since the models were weighed
     STATES,  # number of error states in use: P is (STATES, STATES)
     BAROMETER_KNOWN,
     T_IMU,  # last IMU sample, NaN: none
     PERIOD,  # s between IMU samples, running mean
     DIFFERENCE_GYRO,  # (rad/s)^2, running mean over 20 s of the squared difference of successive samples, per axis
     DIFFERENCE_ACCEL,  # (m/s^2)^2
+    SQUARE_GYRO,  # of the last two samples
+    SQUARE_ACCEL,
     TURN_GYRO,  # (rad/s)^2, the like of the product of successive differences
     TURN_ACCEL,  # (m/s^2)^2
     NOISE_GYRO,  # rad^2/s: the density in use now
@@ -71,13 +78,15 @@ _book = P + STATES_MOST * STATES_MOST
     SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
     SCALE_FIELD,  # learnt variance of the magnetometer, against what is assumed
     SCALE_WALK,  # learnt variance of the walk of the gyro bias, against what is assumed
+    SCALE_DRIVE,  # learnt density that drives the rate of the telemetry model, against what the samples show
+    SCALE_DRIVE_FORCE,  # and its specific force
     SCALE_IMU,  # learnt noise density of the IMU, against what the samples show
     RECOVERING,  # fixes to come before a state that has crossed a gap of the IMU is shown again
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
     BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 54)
-IMU = _book + 54  # last sample: omega_b, f_b
+) = range(_book, _book + 63)
+IMU = _book + 63  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
@@ -94,7 +103,8 @@ GUESSES, GUESS = 12, 10  # of the yaw bank: hypotheses, and numbers for each
 BANK = LAST_VELOCITY + 2
 PENDING = BANK + GUESSES * GUESS
 PENDING_CAPACITY = 32
-STATE_SIZE = PENDING + PENDING_CAPACITY * EVENT_WIDTH
+HALF = PENDING + PENDING_CAPACITY * EVENT_WIDTH
+STATE_SIZE = 2 * HALF  # all of it twice: see SECOND
 
 
 CONSTANT_VELOCITY, STRAPDOWN, TELEMETRY = 0.0, 1.0, 2.0  # values of MODEL
@@ -103,7 +113,7 @@ CONSTANT_VELOCITY, STRAPDOWN, TELEMETRY = 0.0, 1.0, 2.0  # values of MODEL
 class Parameter(IntEnum):
     """Columns of the parameter array: configuration and what was chosen for the session."""
 
-    WANT_STRAPDOWN = 0
+    MODEL = 0
     GYRO = 1
     ACCEL = 2
     GYRO_WALK = 3
@@ -141,6 +151,8 @@ class Parameter(IntEnum):
     REST = 35
     USE_MOTION_YAW = 36
     COLOUR_VERTICAL = 37
+    COMPARE_HZ = 38
+    EVEN_HZ = 39
 
 
 PARAMETERS = len(Parameter)
@@ -188,6 +200,8 @@ class Sensor(IntEnum):
     GRAVITY = 4
     REST_VELOCITY = 5
     REST_RATE = 6
+    GYRO = 7
+    ACCELEROMETER = 8
 
 
 SENSORS = len(Sensor)

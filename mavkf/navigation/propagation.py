@@ -44,6 +44,7 @@ def begin(s, c):
     s[:] = 0.0
     s[L.X] = 1.0
     s[L.STATES] = N
+    s[L.WANTED] = c[Parameter.MODEL]
     for i in (
         L.T,
         L.T_IMU,
@@ -72,6 +73,8 @@ def begin(s, c):
     s[L.SCALE_FIELD] = 1.0
     s[L.SCALE_WALK] = 1.0
     s[L.SCALE_IMU] = 1.0
+    s[L.SCALE_DRIVE] = 1.0
+    s[L.SCALE_DRIVE + 1] = 1.0
     for i in range(2):
         s[L.SCALE_POSITION + i] = 1.0
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
@@ -212,7 +215,7 @@ def coast(s, c, t):
 @compiled
 def set_acceleration(s, imu):
     """Keep the acceleration in n (m/s^2) that a sample (6,) at the state's time shows; it is what makes a delay visible."""
-    if s[L.MODEL] != L.STRAPDOWN:
+    if s[L.MODEL] == L.CONSTANT_VELOCITY:
         for i in range(3):
             s[L.ACCELERATION + i] = 0.0
         return
@@ -259,6 +262,7 @@ def watch_samples(s, e, c, imu, dt):
     for k in range(2):
         s[L.DIFFERENCE_GYRO + k] += weight * (square[k] - s[L.DIFFERENCE_GYRO + k])
         s[L.TURN_GYRO + k] += weight * (product[k] - s[L.TURN_GYRO + k])
+        s[L.SQUARE_GYRO + k] = square[k]
         share = unseen_share(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
         unseen = share * max(square[k], s[L.DIFFERENCE_GYRO + k])
         resolution = e[GYRO_RESOLUTION + k]
