@@ -30,6 +30,7 @@ import numpy as np
 
 from benchmarks.accuracy.common import Settings, say
 from mavkf.config import Config, with_settings
+from mavkf.errors import UsageError
 
 PARTS = ("flights", "decimation", "outages", "honesty", "drive", "kitti", "ingredients", "public")
 
@@ -54,7 +55,12 @@ def main(arguments: Sequence[str]) -> int:
     if not folder:
         print("MAVKF_FLIGHTS names no folder of recorded flights: nothing to measure", file=sys.stderr)
         return 1
-    settings = Settings(Path(folder), with_settings(Config(), options.set), not options.offline, options.quick)
+    try:
+        config = with_settings(Config(), options.set)
+    except UsageError as error:
+        print(error, file=sys.stderr)
+        return 2
+    settings = Settings(Path(folder), config, not options.offline, options.quick)
     results: dict[str, Any] = {}
     for name in PARTS:
         if name in names:
