@@ -155,9 +155,9 @@ class _Flight:
         held = _newest(measured + delay, sent)
         n = self._noise
         accuracies = (
-            max(0.3, math.hypot(n.gnss_horizontal, n.gnss_drift_horizontal)),
-            max(0.3, math.hypot(n.gnss_vertical, n.gnss_drift_vertical)),
-            max(0.05, n.gnss_speed_horizontal),
+            n.gnss_claim * max(0.3, math.hypot(n.gnss_horizontal, n.gnss_drift_horizontal)),
+            n.gnss_claim * max(0.3, math.hypot(n.gnss_vertical, n.gnss_drift_vertical)),
+            n.gnss_claim * max(0.05, n.gnss_speed_horizontal),
         )
         latitude, longitude, height = place
         v_n = motion.v_n + speed_errors
