@@ -270,6 +270,20 @@ def test_what_a_receiver_claims_is_a_multiple_of_its_errors(tmp_path: Path) -> N
 # --- the log -------------------------------------------------------------------------------------------------------
 
 
+def test_a_new_magnetometer_value_is_as_old_as_the_mean_it_stands_for(flight: Flight) -> None:
+    found = column(flight.messages["RAW_IMU"], "time_usec xmag ymag zmag")
+    new = np.flatnonzero(np.any(np.diff(found[:, 1:], axis=0), axis=1)) + 1
+    t, measured = found[new, 0] * 1e-6, found[new, 1:] + 0.5 * np.sign(found[new, 1:])  # cut toward zero, milligauss
+
+    def spread(age: float) -> float:
+        angles = np.array([np.interp(t - age, flight.truth.time_boot_s, np.unwrap(a)) for a in flight.truth.euler.T]).T
+        turned = np.stack([rotation(each) @ field for each, field in zip(angles, measured, strict=True)])
+        return float(np.sum(np.var(turned, axis=0)))
+
+    ages = np.arange(0.0, 0.1, 0.002)
+    assert ages[np.argmin([spread(age) for age in ages])] == pytest.approx(0.055, abs=0.005)
+
+
 def test_the_log_holds_every_message_at_its_rate(flight: Flight) -> None:
     rates = {name: len(found) / 79.0 for name, found in flight.messages.items()}
     assert rates == pytest.approx(
