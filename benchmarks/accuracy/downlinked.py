@@ -10,9 +10,10 @@ from mavkf.models.earth import SEMI_MAJOR_AXIS
 from mavkf.replay.run import SessionResult
 from mavkf.replay.tlog import Log
 from mavkf.replay.truth import Truth, errors
-from mavkf.samples import ARRIVAL
+from mavkf.samples import ARRIVAL, FIX, HEIGHT_AMSL, KIND, TIME, Kind
 
 CLOSE = 0.25  # s: a pose farther than this from a message is not compared with it
+SAME_DATUM = 100.0  # m: heights of receiver and autopilot that are farther apart have not the same zero
 EKF = (
     "velocity_variance",
     "pos_horiz_variance",
@@ -114,11 +115,17 @@ def _place(log: Log, session: SessionResult, pose: dict[str, Array], begin: floa
     dt = to - t[use]
     v = np.stack([found[name] * 0.01 for name in ("vx", "vy", "vz")], axis=1)
     latitude = np.radians(found["lat"] * 1e-7)
+    height = found["alt"] * 1e-3 - v[:, 2] * dt
+    # before home is set ArduCopter 3 sends a height that is not above sea level: its receiver's own says so
+    fixes = session.rows[(session.rows[:, KIND] == Kind.GNSS) & (session.rows[:, FIX] >= 3)]
+    if fixes.shape[0]:
+        reported = np.interp(to, np.maximum.accumulate(fixes[:, TIME]), fixes[:, HEIGHT_AMSL])
+        height[np.abs(height - reported) > SAME_DATUM] = np.nan
     return Truth(
         to,
         latitude + v[:, 0] * dt / SEMI_MAJOR_AXIS,
         np.radians(found["lon"] * 1e-7) + v[:, 1] * dt / (SEMI_MAJOR_AXIS * np.cos(latitude)),
-        found["alt"] * 1e-3 - v[:, 2] * dt,
+        height,
         v,
         np.full((to.size, 3), np.nan),
     )
