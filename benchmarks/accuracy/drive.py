@@ -23,7 +23,8 @@ FOLDER = Path("public/GNSS_IMU/drive_0708")
 MOUNTING_DEG = (179.71, -6.60, 185.35)
 """The IMU against the body: v_imu = Rz(yaw) Ry(pitch) Rx(roll) v_b, by the recording's notes.
 
-(As angles of the turn from the IMU to the body: -179.673, 6.598, -174.648.) The antenna is 0.05 m left of the IMU.
+As roll, pitch, yaw of the IMU in the body, v_b = Rz Ry Rx v_imu: (-179.6726, 6.5983, -174.6478).
+The antenna is at (0, -0.05, 0) m of the IMU.
 """
 LOGGING_DELAY = 0.185
 """s: age of an IMU sample when its line arrives.
