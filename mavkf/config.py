@@ -103,7 +103,11 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = 0.06
     sampling: Annotated[
         float,
-        Meta(ge=0.0, le=10.0, description="how much of what is missed between two samples is believed: times its theoretical variance"),
+        Meta(
+            ge=0.0,
+            le=10.0,
+            description="how much of what is missed between two samples is believed: times its theoretical variance",
+        ),
     ] = 1.0
     gnss_horizontal_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = (
         2.0
@@ -130,7 +134,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             le=5.0,
             description="least sigma of the horizontal GNSS error that lingers, as a share of what is claimed",
         ),
-    ] = 0.75
+    ] = 0.85
     gnss_colour_vertical: Annotated[
         float,
         Meta(

@@ -26,8 +26,8 @@ from mavkf.navigation.plausible import (
     POLE,
     plausible,
 )
-from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
 from mavkf.navigation.propagation import coast, set_acceleration, step, untruncated, watch_samples
+from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
 from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_gnss import use_gnss

@@ -76,6 +76,7 @@ _book = P + STATES_MOST * STATES_MOST
     RESTING,  # 1: the vehicle stands still, so its attitude stays
     FIELD_REFUSED_SINCE,
     SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
+    SCALE_BARO,  # learnt variance of the barometer, against what is assumed
     SCALE_FIELD,  # learnt variance of the magnetometer, against what is assumed
     SCALE_WALK,  # learnt variance of the walk of the gyro bias, against what is assumed
     SCALE_DRIVE,  # learnt density that drives the rate of the telemetry model, against what the samples show
@@ -85,8 +86,8 @@ _book = P + STATES_MOST * STATES_MOST
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
     BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 63)
-IMU = _book + 63  # last sample: omega_b, f_b
+) = range(_book, _book + 64)
+IMU = _book + 64  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
@@ -95,7 +96,8 @@ REFUSED = FIX + 3  # last refused fix: latitude, longitude, height, vn, ve
 FIELD = REFUSED + 5  # last magnetometer value, T
 ACCELERATION = FIELD + 3  # in n, m/s^2, at T
 COLOUR = ACCELERATION + 3  # one sigma of the coloured GNSS error, horizontal and vertical, m
-COLOUR_FLOOR = COLOUR + 2
+COLOUR_TIME = COLOUR + 2  # s: how long that error lasts, horizontal and vertical
+COLOUR_FLOOR = COLOUR_TIME + 2
 SCALE_POSITION = COLOUR_FLOOR + 2  # learnt variance of the white part of the GNSS position, horizontal and vertical
 LAST_INNOVATION = SCALE_POSITION + 2  # of the GNSS position, m
 LAST_VELOCITY = LAST_INNOVATION + 3  # of the horizontal GNSS velocity, m/s

@@ -8,7 +8,7 @@ from mavkf.compiled import compiled
 from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, Q, V, offset
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Flag, ModeCode, Parameter
+from mavkf.navigation.layout import Flag, ModeCode
 
 POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
 TILT_LIMIT, YAW_LIMIT = math.radians(10.0), math.radians(20.0)

@@ -70,6 +70,7 @@ def begin(s, c):
     s[L.T_REST] = -1.0
     s[L.ARMED] = -1.0
     s[L.SCALE_VELOCITY] = 1.0
+    s[L.SCALE_BARO] = 1.0
     s[L.SCALE_FIELD] = 1.0
     s[L.SCALE_WALK] = 1.0
     s[L.SCALE_IMU] = 1.0
@@ -77,6 +78,7 @@ def begin(s, c):
     s[L.SCALE_DRIVE + 1] = 1.0
     for i in range(2):
         s[L.SCALE_POSITION + i] = 1.0
+        s[L.COLOUR_TIME + i] = c[Parameter.COLOUR_TIME]
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
     s[L.RATE : L.RATE + 3] = np.nan
     P = L.covariance(s)
@@ -133,8 +135,8 @@ def propagate_covariance(P, Phi):
 def decay_colour(s, c, dt):
     """The coloured GNSS error falls off, and is renewed: e <- phi e, variance phi^2 P + (1 - phi^2) sigma^2 with phi = exp(-dt / tau)."""
     P = L.covariance(s)
-    phi = math.exp(-dt / c[Parameter.COLOUR_TIME])
     for i in range(3):
+        phi = math.exp(-dt / s[L.COLOUR_TIME + i // 2])
         s[GNSS + i] *= phi
         for j in range(P.shape[0]):
             P[DGNSS + i, j] *= phi

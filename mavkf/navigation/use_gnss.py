@@ -10,7 +10,7 @@ from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, L
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
-from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour, learn_walk
+from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour, learn_colour_time, learn_walk
 from mavkf.navigation.yaw_bank import use_bank
 from mavkf.samples import FIX as FIX_TYPE
 from mavkf.samples import (
@@ -225,6 +225,9 @@ def fuse_fix(s, e, c, out):
         horizontal = 0.5 * (r[0] * r[0] / S[0] + r[1] * r[1] / S[1])
         s[L.SCALE_POSITION] = learn(s[L.SCALE_POSITION], horizontal, 1, R[0, 0] / S[0], LEAST_SCALE)
         s[L.SCALE_POSITION + 1] = learn(s[L.SCALE_POSITION + 1], r[2] * r[2] / S[2], 1, R[2, 2] / S[2], LEAST_SCALE)
+        since = min(s[L.T_FIX] - s[L.T_PREVIOUS_FIX], 2.0) if math.isfinite(s[L.T_PREVIOUS_FIX]) else 0.0
+        learn_colour_time(s, c, horizontal, 0.5 * (S[0] + S[1]), 0, since)
+        learn_colour_time(s, c, r[2] * r[2] / S[2], S[2], 1, since)
         learn_colour(s, r, S, 0, 0, 2)
         learn_colour(s, r, S, 1, 2, 1)
     else:

@@ -21,10 +21,10 @@ STRENGTH_MINIMUM, STRENGTH_MAXIMUM = (
     9e-5,
 )  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
 YAW_START = 0.5  # rad: one sigma of the first heading, before the field as a vector says how good it is
-AGE_JITTER = 0.02  # s: how well the age of the field is known
+AGE_JITTER = 0.01  # s: how well the age of the field is known
 TURN = 1.0  # s: how long a turn lasts
 HELD = 0.1  # s: what a slow link shows has been held for up to a period of the sensor; ArduPilot reads it at 10 Hz
-LEAST_FIELD_SCALE = 1.0  # a disturbance that lingers is not seen in the innovations, so the noise is only learnt upward
+LEAST_FIELD_SCALE = 0.7  # a disturbance that lingers is not seen in the innovations, so the noise is only learnt upward
 RELEARN_AFTER = 5.0  # s of refusals, after which the vehicle's own field is taken to have changed
 RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
 
