@@ -16,6 +16,8 @@ from msgspec import Meta
 
 from mavkf.errors import UsageError
 
+Angle = Annotated[float, Meta(ge=-180.0, le=180.0)]
+
 
 class Timeline(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """[timeline] history and set-up of a session."""
@@ -62,6 +64,13 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         ]
         | None
     ) = None
+    imu_rotation_deg: Annotated[
+        tuple[Angle, Angle, Angle],
+        Meta(
+            description="deg: roll, pitch, yaw (turns about z, then y, then x) of the sensor frame in the body, for an autopilot "
+            "that does not know how it is mounted: applies to every IMU message and to the magnetic field in it"
+        ),
+    ] = (0.0, 0.0, 0.0)
     magnetic_declination_deg: (
         Annotated[
             float,
@@ -210,9 +219,12 @@ def settings() -> Iterator[tuple[str, Any, str]]:
         for field in msgspec.structs.fields(section.type):
             # Annotated[T, Meta] or Annotated[T, Meta] | None
             candidates = (field.type, *get_args(field.type))
-            meta = next(candidate.__metadata__[0] for candidate in candidates if hasattr(candidate, "__metadata__"))
-            low = meta.ge if meta.ge is not None else meta.gt
-            high = meta.le if meta.le is not None else meta.lt
+            chosen = next(candidate for candidate in candidates if hasattr(candidate, "__metadata__"))
+            meta = chosen.__metadata__[0]
+            # a vector's range is that of its components
+            span_of = next((part.__metadata__[0] for part in get_args(chosen.__origin__)), meta)
+            low = span_of.ge if span_of.ge is not None else span_of.gt
+            high = span_of.le if span_of.le is not None else span_of.lt
             span = f" ({low:g} to {high:g})" if low is not None and high is not None else ""
             yield f"{section.name}.{field.name}", field.default, meta.description + span
 
@@ -249,7 +261,7 @@ def with_settings(config: Config, assignments: Iterable[str]) -> Config:
         try:
             value: Any = tomllib.loads(f"v = {text}")["v"]
         except tomllib.TOMLDecodeError:
-            raise UsageError(f"--set {assignment}: {text!r} is not a number or true/false") from None
+            raise UsageError(f"--set {assignment}: {text!r} is not a number, true/false or [a, b, c]") from None
         values[section][name] = value
         _checked(values, f"--set {assignment}")
     return _checked(values, "--set")

@@ -59,11 +59,13 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """The choices for one session. Sources are None where nothing is known of them; rates are those of the first seconds, Hz.
 
     imu_period: s, median between the samples of the first seconds; 0: no IMU.
+    imu_rotation: roll, pitch, yaw of the sensor frame in the body, rad.
     """
 
     imu: Source | None
     imu_rate_hz: float
     imu_period: float
+    imu_rotation: tuple[float, float, float]
     gnss: Source
     magnetometer: Source | None
     barometer: Source | None
@@ -163,6 +165,7 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     autopilot = _latest(rows, AUTOPILOT)
     delays = DELAYS.get(autopilot, NO_DELAYS) if autopilot is not None else NO_DELAYS
     vehicle = config.vehicle
+    roll, pitch, yaw = vehicle.imu_rotation_deg
     strapdown = source is not None and rate >= config.model.strapdown_hz
     if model is not None:
         strapdown = model == "strapdown" and source is not None
@@ -193,6 +196,7 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
         imu=source,
         imu_rate_hz=rate,
         imu_period=_period(rows, source),
+        imu_rotation=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
         gnss=_choose_gnss(rows),
         # one that starts later comes most likely in these messages
         magnetometer=_first_of(rows, Kind.MAGNETOMETER, magnetometers, source),

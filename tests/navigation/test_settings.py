@@ -19,6 +19,7 @@ OTHER: dict[str, Any] = {
     "vehicle.magnetometer_delay_s": 0.02,
     "vehicle.barometer_delay_s": 0.03,
     "vehicle.magnetic_declination_deg": 5.0,
+    "vehicle.imu_rotation_deg": [180.0, 0.0, 0.0],
     "vehicle.use_magnetometer": "false",
     "vehicle.use_barometer": "false",
     "vehicle.use_rest": "false",
@@ -61,7 +62,7 @@ def test_the_same_settings_give_the_same_outcome() -> None:
 
 @pytest.mark.parametrize(("name", "default"), NAMES, ids=[name for name, _ in NAMES])
 def test_every_setting_changes_something(name: str, default: Any) -> None:
-    value = OTHER.get(name, None if default is None else 1.5 * default)
+    value = OTHER[name] if name in OTHER else 1.5 * default
     changed = outcome(with_settings(Config(), [f"{name}={value}"])) != default_outcome()
     assert changed
 
