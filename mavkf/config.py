@@ -17,6 +17,7 @@ from msgspec import Meta
 from mavkf.errors import UsageError
 
 Angle = Annotated[float, Meta(ge=-180.0, le=180.0)]
+Length = Annotated[float, Meta(ge=-100.0, le=100.0)]
 
 
 class Timeline(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -71,6 +72,17 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             "that does not know how it is mounted: applies to every IMU message and to the magnetic field in it"
         ),
     ] = (0.0, 0.0, 0.0)
+    gnss_antenna_b_m: Annotated[
+        tuple[Length, Length, Length],
+        Meta(description="m: where the GNSS antenna is from the IMU: forward, right, down"),
+    ] = (0.0, 0.0, 0.0)
+    estimate_antenna: Annotated[
+        bool,
+        Meta(
+            description="whether the antenna's place is estimated, beginning with the configured one (one sigma 0.05 m; 0.3 m where it is "
+            "all zeros); it is seen when the vehicle turns"
+        ),
+    ] = False
     magnetic_declination_deg: (
         Annotated[
             float,

@@ -164,6 +164,8 @@ def interpolate(s, imu, t, c, out):
             step(s, c, start, end, dt, s[L.NOISE_GYRO], s[L.NOISE_ACCEL])
             s[L.T] = e[TIME]
             start[:] = end
+            for i in range(3):
+                s[L.RATE + i] = end[i] - s[BG + i]
             set_acceleration(s, end)
         measure(s, e, c, out)
     s[L.PENDING_COUNT] = 0.0

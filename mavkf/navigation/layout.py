@@ -70,8 +70,9 @@ _book = P + STATES_MOST * STATES_MOST
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
     BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 50)
-IMU = _book + 50  # last sample: omega_b, f_b
+    UNKNOWN_LEVER,  # m: one sigma of the lever arm that the coloured error stands for, while the heading is not known
+) = range(_book, _book + 51)
+IMU = _book + 51  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
@@ -133,6 +134,10 @@ class Parameter(IntEnum):
     REST = 35
     USE_MOTION_YAW = 36
     COLOUR_VERTICAL = 37
+    ANTENNA_X = 38
+    ANTENNA_Y = 39
+    ANTENNA_Z = 40
+    ANTENNA_SIGMA = 41  # m, 0: its place is not estimated
 
 
 PARAMETERS = len(Parameter)

@@ -7,6 +7,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models import constant_velocity, strapdown
 from mavkf.models.earth import gravity
+from mavkf.models.gnss import ANTENNA, DANTENNA, STATES_MOST
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import (
     BA,
@@ -43,7 +44,8 @@ def begin(s, c):
     """Fill the state with the start of a session."""
     s[:] = 0.0
     s[L.X] = 1.0
-    s[L.STATES] = N
+    antenna = c[Parameter.ANTENNA_SIGMA] > 0.0
+    s[L.STATES] = STATES_MOST if antenna else N
     for i in (
         L.T,
         L.T_IMU,
@@ -85,6 +87,10 @@ def begin(s, c):
         P[DFIELD + i, DFIELD + i] = c[Parameter.EARTH_FIELD] ** 2
     P[DBARO, DBARO] = 1.0
     P[DDELAY, DDELAY] = c[Parameter.DELAY] ** 2
+    for i in range(3):
+        s[ANTENNA + i] = c[Parameter.ANTENNA_X + i]
+        if antenna:
+            P[DANTENNA + i, DANTENNA + i] = c[Parameter.ANTENNA_SIGMA] ** 2
 
 
 @compiled

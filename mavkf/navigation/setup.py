@@ -51,6 +51,7 @@ DELAYS = {
     PX4: {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.05, "barometer": 0.0},
 }
 NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
+ANTENNA_TOLD, ANTENNA_UNTOLD = 0.05, 0.3  # m: one sigma of where the antenna is, configured or not
 FAST_HZ = 8.0  # Hz: what a vehicle does between the samples of a slower IMU is mostly not seen
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
@@ -215,6 +216,8 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
 def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
     """The parameter array of the fold."""
     noise, gates = config.noise, config.gates
+    antenna = config.vehicle.gnss_antenna_b_m
+    antenna_sigma = ANTENNA_TOLD if any(antenna) else ANTENNA_UNTOLD
     declination = config.vehicle.magnetic_declination_deg
     values = {
         Parameter.WANT_STRAPDOWN: float(setup.strapdown),
@@ -244,6 +247,10 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.TRUNCATION: float(setup.autopilot == ARDUPILOT),
         Parameter.REST: float(config.vehicle.use_rest),
         Parameter.USE_MOTION_YAW: float(config.vehicle.use_motion_yaw),
+        Parameter.ANTENNA_X: antenna[0],
+        Parameter.ANTENNA_Y: antenna[1],
+        Parameter.ANTENNA_Z: antenna[2],
+        Parameter.ANTENNA_SIGMA: antenna_sigma if config.vehicle.estimate_antenna else 0.0,
         Parameter.ACCELERATION: noise.acceleration_m_s2,
         Parameter.ACCELERATION_TIME: noise.acceleration_time_s,
         Parameter.LIMIT_1: limit(gates.false_rejection, 1),

@@ -6,7 +6,23 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import gnss
-from mavkf.models.strapdown import DGNSS, EARTH_FIELD, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, V, offset
+from mavkf.models.gnss import ANTENNA
+from mavkf.models.rotation import rotation_matrix
+from mavkf.models.strapdown import (
+    DGNSS,
+    EARTH_FIELD,
+    GNSS,
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    POS,
+    THETA,
+    VEL,
+    Q,
+    V,
+    move,
+    offset,
+)
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
@@ -41,12 +57,37 @@ def claimed(e, column, default):
 
 
 @compiled
+def unknown_lever(s, c):
+    """One sigma (m) of an axis for a lever arm that cannot be laid into n: it stays as it is for as long as the heading does."""
+    if s[L.ALIGNED] != 0.0 and s[L.YAW_KNOWN] != 0.0:
+        return 0.0
+    square = s[ANTENNA] ** 2 + s[ANTENNA + 1] ** 2 + s[ANTENNA + 2] ** 2
+    return math.sqrt(0.5 * square + c[Parameter.ANTENNA_SIGMA] ** 2)
+
+
+@compiled
 def set_colour(s, e, c):
     """The least sigma of the coloured error that this fix's claim allows: it cannot be seen in the innovations, so it follows the claim."""
-    s[L.COLOUR_FLOOR] = c[Parameter.COLOUR] * claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
-    s[L.COLOUR_FLOOR + 1] = c[Parameter.COLOUR_VERTICAL] * claimed(e, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
+    horizontal = c[Parameter.COLOUR] * claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
+    vertical = c[Parameter.COLOUR_VERTICAL] * claimed(e, SIGMA_VERTICAL, c[Parameter.GNSS_VERTICAL])
+    lever = unknown_lever(s, c)
+    s[L.COLOUR_FLOOR] = math.sqrt(horizontal * horizontal + lever * lever) if lever > 0.0 else horizontal
+    s[L.COLOUR_FLOOR + 1] = math.sqrt(vertical * vertical + lever * lever) if lever > 0.0 else vertical
     for i in range(2):
         s[L.COLOUR + i] = max(s[L.COLOUR + i], s[L.COLOUR_FLOOR + i])
+    if lever < s[L.UNKNOWN_LEVER]:
+        # from now on the lever arm is no part of the error that lingers
+        redraw_colour(s)
+    s[L.UNKNOWN_LEVER] = lever
+
+
+@compiled
+def redraw_colour(s):
+    """Begin the coloured error anew, with its least sigma and free of all else."""
+    for i in range(3):
+        s[L.COLOUR + i // 2] = s[L.COLOUR_FLOOR + i // 2]
+        s[GNSS + i] = 0.0
+        forget(s, DGNSS + i, 1, s[L.COLOUR + i // 2] ** 2)
 
 
 @compiled
@@ -60,13 +101,56 @@ def white_variance(s, e, c, vertical):
 
 
 @compiled
+def mounting(s, C, w):
+    """Fill C (3, 3) with C_nb and w (3,) with omega_b; zeros where no lever arm can be laid into n: heading or rate are not known."""
+    for i in range(3):
+        w[i] = 0.0
+        for j in range(3):
+            C[i, j] = 0.0
+    if s[L.ALIGNED] != 0.0 and s[L.YAW_KNOWN] != 0.0:
+        rotation_matrix(s[Q : Q + 4], C)
+        for i in range(3):
+            w[i] = s[L.RATE + i] if math.isfinite(s[L.RATE + i]) else 0.0
+
+
+@compiled
+def carry_lever(s, C, w):
+    """Position errors (3) that were just cut loose get the part that comes from attitude and lever arm: dp = -H_l dx."""
+    P = L.covariance(s)
+    H = np.empty((3, P.shape[0]))
+    gnss.lever_jacobian(s[L.X : L.P], C, w, 1.0, 0.0, H)
+    for i in range(3):
+        for j in range(P.shape[0]):
+            if j < POS or j >= POS + 3:
+                total = 0.0
+                for k in range(P.shape[0]):
+                    total -= H[i, k] * P[k, j]
+                P[POS + i, j] += total
+                P[j, POS + i] = P[POS + i, j]
+    for i in range(3):
+        for m in range(i, 3):
+            for k in range(P.shape[0]):
+                if k < POS or k >= POS + 3:
+                    P[POS + i, POS + m] -= H[m, k] * P[POS + i, k]
+            P[POS + m, POS + i] = P[POS + i, POS + m]
+
+
+@compiled
 def set_position(s, c, e):
-    """Take position and, where it is given, velocity from a fix, with the fix's covariance: p = fix - e - white."""
+    """Take position and, where it is given, velocity from a fix, with the fix's covariance: p = fix - l - e - white."""
     x = s[L.X : L.P]
     P = L.covariance(s)
+    C = np.empty((3, 3))
+    w = np.empty(3)
+    place = np.empty(3)
+    speed = np.empty(3)
+    mounting(s, C, w)
+    for i in range(3):
+        place[i], speed[i] = gnss.lever(x, C, w, i)
     x[LATITUDE] = e[FIX_LATITUDE]
     x[LONGITUDE] = e[FIX_LONGITUDE]
     x[HEIGHT] = e[HEIGHT_AMSL]
+    move(x, -place[0], -place[1], -place[2])
     set_colour(s, e, c)
     for i in range(3):
         colour = s[L.COLOUR + i // 2] ** 2
@@ -75,10 +159,11 @@ def set_position(s, c, e):
         P[POS + i, DGNSS + i] = -colour
         P[DGNSS + i, POS + i] = -colour
         x[GNSS + i] = 0.0
+    carry_lever(s, C, w)
     known = math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])
-    x[V] = e[VELOCITY_N] if known else 0.0
-    x[V + 1] = e[VELOCITY_E] if known else 0.0
-    x[V + 2] = e[VELOCITY_D] if math.isfinite(e[VELOCITY_D]) else 0.0
+    x[V] = e[VELOCITY_N] - speed[0] if known else 0.0
+    x[V + 1] = e[VELOCITY_E] - speed[1] if known else 0.0
+    x[V + 2] = e[VELOCITY_D] - speed[2] if math.isfinite(e[VELOCITY_D]) else 0.0
     # one second of the vehicle's usual acceleration covers a course that lags
     for i in range(3):
         forget(s, VEL + i, 1, (1.0 if known else 10.0) ** 2)
@@ -203,11 +288,14 @@ def fuse_fix(s, e, c, out):
     H = np.empty((3, P.shape[0]))
     R = np.zeros((3, 3))
     S = np.empty(3)
+    C = np.empty((3, 3))
+    w = np.empty(3)
     a = s[L.ACCELERATION : L.ACCELERATION + 3]
+    mounting(s, C, w)
     set_colour(s, e, c)
     offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], x[LATITUDE], x[LONGITUDE], x[HEIGHT], r)
-    gnss.predict_position(x, a, z_hat)
-    gnss.position_jacobian(x, a, H)
+    gnss.predict_position(x, a, C, w, z_hat)
+    gnss.position_jacobian(x, a, C, w, H)
     for i in range(3):
         r[i] -= z_hat[i]
         R[i, i] = white_variance(s, e, c, i == 2)
@@ -245,6 +333,8 @@ def fuse_velocity(s, e, c, out):
     z_hat = np.empty(3)
     H = np.empty((3, P.shape[0]))
     R = np.zeros((3, 3))
+    C = np.empty((3, 3))
+    w = np.empty(3)
     a = s[L.ACCELERATION : L.ACCELERATION + 3]
     sigma = claimed(e, SIGMA_SPEED, c[Parameter.SPEED])
     # the claim is for white noise; part of the error lingers from fix to fix, so it has a floor
@@ -258,8 +348,9 @@ def fuse_velocity(s, e, c, out):
     R[0, 1] = -across * un * ue
     R[1, 0] = R[0, 1]
     R[2, 2] = 2.25 * variance
-    gnss.predict_velocity(x, a, z_hat)
-    gnss.velocity_jacobian(x, a, H)
+    mounting(s, C, w)
+    gnss.predict_velocity(x, a, C, w, z_hat)
+    gnss.velocity_jacobian(x, a, C, w, H)
     r[0] = vn - z_hat[0]
     r[1] = ve - z_hat[1]
     r[2] = vd - z_hat[2]

@@ -20,6 +20,8 @@ OTHER: dict[str, Any] = {
     "vehicle.barometer_delay_s": 0.03,
     "vehicle.magnetic_declination_deg": 5.0,
     "vehicle.imu_rotation_deg": [180.0, 0.0, 0.0],
+    "vehicle.gnss_antenna_b_m": [0.3, 0.0, -0.1],
+    "vehicle.estimate_antenna": "true",
     "vehicle.use_magnetometer": "false",
     "vehicle.use_barometer": "false",
     "vehicle.use_rest": "false",
