@@ -100,6 +100,9 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         bool,
         Meta(description="whether yaw may be found from GNSS velocity and acceleration where no magnetometer gives it"),
     ] = True
+    use_gnss_yaw: Annotated[
+        bool, Meta(description="whether the heading of a receiver with two antennas is used, where it sends one")
+    ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
 
@@ -169,6 +172,14 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     gnss_delay_walk: Annotated[float, Meta(ge=0.0, le=0.1, description="s/sqrt(s): random walk of the GNSS delay")] = (
         1e-4
     )
+    gnss_yaw_deg: Annotated[
+        float,
+        Meta(
+            gt=0.0,
+            le=180.0,
+            description="deg: heading of a receiver with two antennas; no message tells how good it is",
+        ),
+    ] = 2.0
     magnetometer_t: Annotated[
         float, Meta(gt=0.0, le=1e-4, description="T: white noise and changing disturbance of the magnetometer")
     ] = 7e-7

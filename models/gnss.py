@@ -13,6 +13,8 @@ With the attitude error on the left, C_true l_b = l - [l x] dtheta. The body rat
 makes 0.6 mm/s.
 """
 
+import math
+
 from mavkf.compiled import compiled
 from mavkf.models.strapdown import DDELAY, DELAY, DGNSS, GNSS, POS, THETA, VEL, V
 
@@ -90,3 +92,23 @@ def lever_jacobian(x, C, w, of_place, of_velocity, H):
             # C + C [w x]: column i of [w x] has w_k at j and -w_j at k
             for m in range(3):
                 H[m, DANTENNA + i] = of_place * C[m, i] + of_velocity * (C[m, j] * w[k] - C[m, k] * w[j])
+
+
+@compiled
+def predict_yaw(C):
+    """Heading (rad from north) of the body's forward axis, as a receiver with two antennas shows it. C: C_nb (3, 3)."""
+    return math.atan2(C[1, 0], C[0, 0])
+
+
+@compiled
+def yaw_jacobian(C, H):
+    """H (1, n) of `predict_yaw`, which grows without bound near a pitch of 90 deg.
+
+    With dC = [dtheta x] C, d(yaw) = (C_00 dC_10 - C_10 dC_00) / (C_00^2 + C_10^2).
+    """
+    for j in range(H.shape[1]):
+        H[0, j] = 0.0
+    share = -C[2, 0] / (C[0, 0] * C[0, 0] + C[1, 0] * C[1, 0])
+    H[0, THETA] = share * C[0, 0]
+    H[0, THETA + 1] = share * C[1, 0]
+    H[0, THETA + 2] = 1.0

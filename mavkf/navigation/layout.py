@@ -71,8 +71,9 @@ _book = P + STATES_MOST * STATES_MOST
     BANK_SINCE,
     PENDING_COUNT,
     UNKNOWN_LEVER,  # m: one sigma of the lever arm that the coloured error stands for, while the heading is not known
-) = range(_book, _book + 51)
-IMU = _book + 51  # last sample: omega_b, f_b
+    YAW_REFUSED_SINCE,  # start of an unbroken run of refused headings of the receiver, NaN: none
+) = range(_book, _book + 52)
+IMU = _book + 52  # last sample: omega_b, f_b
 RATE = IMU + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
@@ -138,6 +139,8 @@ class Parameter(IntEnum):
     ANTENNA_Y = 39
     ANTENNA_Z = 40
     ANTENNA_SIGMA = 41  # m, 0: its place is not estimated
+    USE_GNSS_YAW = 42
+    GNSS_YAW = 43
 
 
 PARAMETERS = len(Parameter)
@@ -185,6 +188,7 @@ class Sensor(IntEnum):
     GRAVITY = 4
     REST_VELOCITY = 5
     REST_RATE = 6
+    GNSS_YAW = 7
 
 
 SENSORS = len(Sensor)
@@ -238,6 +242,7 @@ class NoteCode(IntEnum):
     MAGNETOMETER_RELEARNT = 11
     YAW_FROM_MOTION = 12
     VELOCITY_RESET = 13
+    YAW_FROM_GNSS = 14
 
 
 NOTE_CODES = len(NoteCode)

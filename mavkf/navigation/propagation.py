@@ -65,6 +65,7 @@ def begin(s, c):
         L.T_FIELD,
         L.REST_SINCE,
         L.FIELD_REFUSED_SINCE,
+        L.YAW_REFUSED_SINCE,
     ):
         s[i] = np.nan
     s[L.T_MAGNETOMETER] = -1.0

@@ -190,6 +190,9 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
                 {},
                 f"heading found from the motion: GNSS velocity and acceleration agree, known to {math.degrees(size):.1f} deg",
             )
+        case NoteCode.YAW_FROM_GNSS:
+            text = f"heading taken from the receiver's two antennas: turned by {math.degrees(size):.1f} deg"
+            return {"sigma_deg": math.degrees(a)}, text
         case NoteCode.MAGNETOMETER_RELEARNT:
             return (
                 {},

@@ -251,6 +251,8 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.ANTENNA_Y: antenna[1],
         Parameter.ANTENNA_Z: antenna[2],
         Parameter.ANTENNA_SIGMA: antenna_sigma if config.vehicle.estimate_antenna else 0.0,
+        Parameter.USE_GNSS_YAW: float(config.vehicle.use_gnss_yaw),
+        Parameter.GNSS_YAW: math.radians(noise.gnss_yaw_deg),
         Parameter.ACCELERATION: noise.acceleration_m_s2,
         Parameter.ACCELERATION_TIME: noise.acceleration_time_s,
         Parameter.LIMIT_1: limit(gates.false_rejection, 1),

@@ -27,6 +27,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
 from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour
+from mavkf.navigation.use_gnss_yaw import use_gnss_yaw
 from mavkf.navigation.yaw_bank import use_bank
 from mavkf.samples import FIX as FIX_TYPE
 from mavkf.samples import (
@@ -270,6 +271,7 @@ def use_gnss(s, e, c, out):
             s[EARTH_FIELD] = horizontal * math.cos(s[L.DECLINATION])
             s[EARTH_FIELD + 1] = horizontal * math.sin(s[L.DECLINATION])
             s[EARTH_FIELD + 2] = down
+    use_gnss_yaw(s, e, c, out)
     if s[L.POSITION_KNOWN] == 0.0:
         start_position(s, e, c, out)
     else:

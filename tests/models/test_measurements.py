@@ -78,6 +78,11 @@ MEASUREMENTS = {
         velocity, lambda case, H: gnss.velocity_jacobian(case.x, case.a, attitude(case.x), case.w, H), 3
     ),
     "field": Measurement(field, lambda case, H: magnetometer.jacobian(case.x, attitude(case.x), H), 3),
+    "yaw": Measurement(
+        lambda case, y: np.array([gnss.predict_yaw(attitude(y))]),
+        lambda case, H: gnss.yaw_jacobian(attitude(case.x), H),
+        1,
+    ),
     "pressure_height": Measurement(
         lambda case, y: np.array([barometer.predict(y)]), lambda case, H: barometer.jacobian(H), 1
     ),
@@ -113,8 +118,11 @@ def test_jacobian_is_the_derivative_of_the_prediction(name: str, states: int) ->
                 dx[j] = sign * epsilon
                 retract(y, dx)
                 ends.append(measurement.predict(case, y))
-            numeric[:, j] = (ends[0] - ends[1]) / (2.0 * epsilon)
-        np.testing.assert_allclose(H, numeric, rtol=1e-6, atol=2e-6, err_msg=f"seed {seed}")
+            difference = ends[0] - ends[1]
+            if name == "yaw":
+                difference = np.angle(np.exp(1j * difference))
+            numeric[:, j] = difference / (2.0 * epsilon)
+        np.testing.assert_allclose(H, numeric, rtol=2e-6, atol=2e-6, err_msg=f"seed {seed}")
 
 
 def test_the_lever_arm_in_plain_vectors() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from mavkf.config import Config, settings, with_settings
 from mavkf.navigation.estimator import SessionEstimator, run_offline
-from mavkf.samples import GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
+from mavkf.samples import GNSS_YAW, GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
 
 from ._session import RADII, run, session
 
@@ -25,6 +25,7 @@ OTHER: dict[str, Any] = {
     "vehicle.use_magnetometer": "false",
     "vehicle.use_barometer": "false",
     "vehicle.use_rest": "false",
+    "vehicle.use_gnss_yaw": "false",
     "vehicle.use_motion_yaw": "false",
     "gates.reset_s": 3.0,
     "gates.gap_s": 1.5,
@@ -45,6 +46,7 @@ def flight() -> np.ndarray:
     rows[(rows[:, KIND] == Kind.GNSS) & (np.arange(rows.shape[0]) % 8 == 1), SIGMA_HORIZONTAL] = 0.1
     rows[(rows[:, KIND] == Kind.IMU) & (t < 101.5), GYRO] += 0.1
     rows[(rows[:, KIND] == Kind.GNSS) & (t > 118.0), LATITUDE] += 60.0 / RADII[0]
+    rows[(rows[:, KIND] == Kind.GNSS) & (t > 115.0), GNSS_YAW] = 0.4
     return rows[~drop]
 
 
