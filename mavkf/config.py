@@ -127,8 +127,8 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = 0.06
     sampling: Annotated[
         float,
-        Meta(ge=0.0, le=10.0, description="share of dt times the squared difference of samples that is noise density"),
-    ] = 0.25
+        Meta(ge=0.0, le=10.0, description="how much of what is missed between two samples is believed: times its theoretical variance"),
+    ] = 1.0
     gnss_horizontal_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = (
         2.0
     )
@@ -162,7 +162,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             le=5.0,
             description="least sigma of the vertical GNSS error that lingers, as a share of what is claimed",
         ),
-    ] = 1.0
+    ] = 1.5
     gnss_colour_time_s: Annotated[
         float, Meta(gt=0.0, le=3600.0, description="s: how long the lingering part of the GNSS position error lasts")
     ] = 40.0

@@ -7,6 +7,8 @@ exact up to 2^53.
 
 from enum import IntEnum
 
+import numpy as np
+
 from mavkf.compiled import compiled
 from mavkf.models.gnss import STATES_MOST, X_SIZE
 from mavkf.samples import ROW_WIDTH
@@ -31,6 +33,8 @@ _book = P + STATES_MOST * STATES_MOST
     PERIOD,  # s between IMU samples, running mean
     DIFFERENCE_GYRO,  # (rad/s)^2, running mean over 20 s of the squared difference of successive samples, per axis
     DIFFERENCE_ACCEL,  # (m/s^2)^2
+    TURN_GYRO,  # (rad/s)^2, the like of the product of successive differences
+    TURN_ACCEL,  # (m/s^2)^2
     NOISE_GYRO,  # rad^2/s: the density in use now
     NOISE_ACCEL,  # m^2/s^3
     ALIGN_START,
@@ -65,6 +69,8 @@ _book = P + STATES_MOST * STATES_MOST
     RESTING,  # 1: the vehicle stands still, so its attitude stays
     FIELD_REFUSED_SINCE,
     SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
+    SCALE_FIELD,  # learnt variance of the magnetometer, against what is assumed
+    SCALE_WALK,  # learnt variance of the walk of the gyro bias, against what is assumed
     SCALE_IMU,  # learnt noise density of the IMU, against what the samples show
     RECOVERING,  # fixes to come before a state that has crossed a gap of the IMU is shown again
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
@@ -72,9 +78,10 @@ _book = P + STATES_MOST * STATES_MOST
     PENDING_COUNT,
     UNKNOWN_LEVER,  # m: one sigma of the lever arm that the coloured error stands for, while the heading is not known
     YAW_REFUSED_SINCE,  # start of an unbroken run of refused headings of the receiver, NaN: none
-) = range(_book, _book + 52)
-IMU = _book + 52  # last sample: omega_b, f_b
-RATE = IMU + 6  # omega_b less bias at T
+) = range(_book, _book + 56)
+IMU = _book + 56  # last sample: omega_b, f_b
+LAST_DIFFERENCE = IMU + 6  # of the samples before
+RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
 FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
 REFUSED = FIX + 3  # last refused fix: latitude, longitude, height, vn, ve
@@ -84,8 +91,9 @@ COLOUR = ACCELERATION + 3  # one sigma of the coloured GNSS error, horizontal an
 COLOUR_FLOOR = COLOUR + 2
 SCALE_POSITION = COLOUR_FLOOR + 2  # learnt variance of the white part of the GNSS position, horizontal and vertical
 LAST_INNOVATION = SCALE_POSITION + 2  # of the GNSS position, m
+LAST_VELOCITY = LAST_INNOVATION + 3  # of the horizontal GNSS velocity, m/s
 GUESSES, GUESS = 12, 10  # of the yaw bank: hypotheses, and numbers for each
-BANK = LAST_INNOVATION + 3
+BANK = LAST_VELOCITY + 2
 PENDING = BANK + GUESSES * GUESS
 PENDING_CAPACITY = 32
 STATE_SIZE = PENDING + PENDING_CAPACITY * EVENT_WIDTH
@@ -249,7 +257,7 @@ NOTE_CODES = len(NoteCode)
 
 
 @compiled
-def covariance(s):
+def covariance(s: np.ndarray) -> np.ndarray:
     """P (STATES, STATES) of a state, as a view."""
     n = int(s[STATES])
     return s[P : P + n * n].reshape((n, n))

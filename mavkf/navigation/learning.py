@@ -8,6 +8,9 @@ from mavkf.navigation import layout as L
 LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
 # Horizontally a drift must be followed while it happens; the height's error is mostly the atmosphere's, which takes its time.
 COLOUR_LEARNING_HORIZONTAL, COLOUR_LEARNING_VERTICAL = 0.1, 0.04
+WALK_LEARNING = 0.2
+UNCORRELATED = 0.2  # correlation of velocity innovations that the receiver's own filter makes
+MOST_WALK = 1e4  # times the variance: a bias that moves a hundred times faster
 UNCOLOURED = 0.1  # correlation that a white noise assumed too large makes by itself
 LEAST_SCALE, MOST_SCALE = 0.02, 25.0  # of a learnt variance against what is claimed
 LEAST_IMU_SCALE = 0.3  # the floor of the GNSS velocity's noise makes innovations small that do not speak for the IMU
@@ -19,6 +22,18 @@ def learn(scale, nis, m, share, least):
     """A variance scale after one NIS of m degrees: the gradient of its likelihood, weighted by the share R / S that is its doing."""
     surprise = min(nis / m, 10.0) - 1.0
     return min(max(scale * math.exp(LEARNING * share * surprise), least), MOST_SCALE)
+
+
+@compiled
+def learn_walk(s, r, variance):
+    """Let the gyro bias move faster while successive velocity innovations (2,) of this variance agree: something turns that it does not know.
+
+    A gyro's bias may step (shock, temperature), and a slow sampling of a vibration shows a constant that is not there.
+    """
+    rho = 0.5 * (r[0] * s[L.LAST_VELOCITY] + r[1] * s[L.LAST_VELOCITY + 1]) / variance
+    s[L.LAST_VELOCITY], s[L.LAST_VELOCITY + 1] = r[0], r[1]
+    surprise = min(max(rho, -3.0), 3.0) - UNCORRELATED
+    s[L.SCALE_WALK] = min(max(s[L.SCALE_WALK] * math.exp(WALK_LEARNING * surprise), 1.0), MOST_WALK)
 
 
 @compiled

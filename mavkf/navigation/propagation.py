@@ -72,6 +72,8 @@ def begin(s, c):
     s[L.T_REST] = -1.0
     s[L.ARMED] = -1.0
     s[L.SCALE_VELOCITY] = 1.0
+    s[L.SCALE_FIELD] = 1.0
+    s[L.SCALE_WALK] = 1.0
     s[L.SCALE_IMU] = 1.0
     for i in range(2):
         s[L.SCALE_POSITION + i] = 1.0
@@ -95,12 +97,13 @@ def begin(s, c):
 
 
 @compiled
-def add_noise(P, c, gyro, accel, dt):
+def add_noise(s, c, gyro, accel, dt):
     """Add the noise of dt to the diagonal: densities `gyro` (rad^2/s) and `accel` (m^2/s^3), and the walks of the biases."""
+    P = L.covariance(s)
     for i in range(3):
         P[THETA + i, THETA + i] += gyro * dt
         P[VEL + i, VEL + i] += accel * dt
-        P[DBG + i, DBG + i] += c[Parameter.GYRO_WALK] ** 2 * dt
+        P[DBG + i, DBG + i] += c[Parameter.GYRO_WALK] ** 2 * s[L.SCALE_WALK] * dt
         P[DBA + i, DBA + i] += c[Parameter.ACCEL_WALK] ** 2 * dt
     P[DBARO, DBARO] += c[Parameter.BARO_WALK] ** 2 * dt
     P[DDELAY, DDELAY] += c[Parameter.DELAY_WALK] ** 2 * dt
@@ -187,9 +190,9 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
         for i in range(9):
             for j in range(3):
                 Phi[i, DBG + j] = 0.0
-    add_noise(P, c, gyro, accel, 0.5 * dt)
+    add_noise(s, c, gyro, accel, 0.5 * dt)
     propagate_covariance(P, Phi)
-    add_noise(P, c, gyro, accel, 0.5 * dt)
+    add_noise(s, c, gyro, accel, 0.5 * dt)
     decay_colour(s, c, dt)
     s[L.T] += dt
 
@@ -229,28 +232,47 @@ def set_acceleration(s, imu):
 
 
 @compiled
+def unseen_share(square, product):
+    """Variance of what a trapezoid of two samples misses, in squares of dt times the mean squared difference of samples.
+
+    square: mean squared difference of successive samples; product: mean product of successive differences. Three signals tell
+    themselves apart by the correlation rho of the differences. White noise (rho = -1/2; vibration) of variance s^2 makes differences of
+    2 s^2 and is integrated as it is: 1/2. A random walk (rho = 0) leaves a Brownian bridge, of variance 1/12 (Karatzas and Shreve,
+    "Brownian Motion and Stochastic Calculus", section 5.6). A smooth signal (rho to 1) leaves less and less.
+    """
+    if not square > 0.0:
+        return 0.0
+    rho = min(max(product / square, -0.5), 1.0)
+    if rho < 0.0:
+        return -rho + (1.0 + 2.0 * rho) / 12.0
+    return (1.0 - rho) / 12.0
+
+
+@compiled
 def watch_samples(s, e, c, imu, dt):
     """Noise densities in use from how much successive samples differ: what happens between them is not seen.
 
-    A quarter of dt times the larger of now and the 20 s average of the squared differences, plus the rounding to whole counts. Returns
-    the squared differences of now, gyro and accelerometer, per axis.
+    dt times the larger of now and the 20 s average of the squared differences, times the `unseen_share` of each sensor, plus the
+    rounding to whole counts. Returns the squared differences of now, gyro and accelerometer, per axis.
     """
-    gyro = 0.0
-    accel = 0.0
-    for i in range(3):
-        gyro += (imu[i] - s[L.IMU + i]) ** 2 / 3.0
-        accel += (imu[3 + i] - s[L.IMU + 3 + i]) ** 2 / 3.0
+    square = np.zeros(2)
+    product = np.zeros(2)
+    for i in range(6):
+        difference = imu[i] - s[L.IMU + i]
+        square[i // 3] += difference * difference / 3.0
+        product[i // 3] += difference * s[L.LAST_DIFFERENCE + i] / 3.0
+        s[L.LAST_DIFFERENCE + i] = difference
     weight = 1.0 - math.exp(-dt / DIFFERENCE_TIME)
-    s[L.DIFFERENCE_GYRO] += weight * (gyro - s[L.DIFFERENCE_GYRO])
-    s[L.DIFFERENCE_ACCEL] += weight * (accel - s[L.DIFFERENCE_ACCEL])
-    share = c[Parameter.SAMPLING] * dt * s[L.SCALE_IMU]
-    s[L.NOISE_GYRO] = (
-        c[Parameter.GYRO] ** 2 + share * max(gyro, s[L.DIFFERENCE_GYRO]) + dt * e[GYRO_RESOLUTION] ** 2 / 12.0
-    )
-    s[L.NOISE_ACCEL] = (
-        c[Parameter.ACCEL] ** 2 + share * max(accel, s[L.DIFFERENCE_ACCEL]) + dt * e[ACCEL_RESOLUTION] ** 2 / 12.0
-    )
-    return gyro, accel
+    for k in range(2):
+        s[L.DIFFERENCE_GYRO + k] += weight * (square[k] - s[L.DIFFERENCE_GYRO + k])
+        s[L.TURN_GYRO + k] += weight * (product[k] - s[L.TURN_GYRO + k])
+        share = unseen_share(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
+        unseen = share * max(square[k], s[L.DIFFERENCE_GYRO + k])
+        resolution = e[GYRO_RESOLUTION + k]
+        s[L.NOISE_GYRO + k] = c[Parameter.GYRO + k] ** 2 + dt * (
+            c[Parameter.SAMPLING] * s[L.SCALE_IMU] * unseen + resolution * resolution / 12.0
+        )
+    return square[0], square[1]
 
 
 @compiled

@@ -26,7 +26,7 @@ from mavkf.models.strapdown import (
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
-from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour
+from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour, learn_walk
 from mavkf.navigation.use_gnss_yaw import use_gnss_yaw
 from mavkf.navigation.yaw_bank import use_bank
 from mavkf.samples import FIX as FIX_TYPE
@@ -363,6 +363,7 @@ def fuse_velocity(s, e, c, out):
         s[L.SCALE_VELOCITY] = learn(s[L.SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
         s[L.VELOCITY_REFUSED] = 0.0
         if s[L.MODEL] == L.STRAPDOWN:
+            learn_walk(s, r, variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
             s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)
         return
     s[L.VELOCITY_REFUSED] += 1.0

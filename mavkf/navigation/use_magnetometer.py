@@ -12,6 +12,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.learning import learn
 from mavkf.samples import FIELD, TIME
 
 PERIOD = 0.08  # s between updates: the field's error is the same in samples closer together
@@ -21,6 +22,9 @@ STRENGTH_MINIMUM, STRENGTH_MAXIMUM = (
 )  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
 YAW_START = 0.5  # rad: one sigma of the first heading, before the field as a vector says how good it is
 AGE_JITTER = 0.02  # s: how well the age of the field is known
+TURN = 1.0  # s: how long a turn lasts
+HELD = 0.1  # s: what a slow link shows has been held for up to a period of the sensor; ArduPilot reads it at 10 Hz
+LEAST_FIELD_SCALE = 1.0  # a disturbance that lingers is not seen in the innovations, so the noise is only learnt upward
 RELEARN_AFTER = 5.0  # s of refusals, after which the vehicle's own field is taken to have changed
 RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
 
@@ -59,17 +63,28 @@ def use_magnetometer(s, e, c, out):
     for i in range(3):
         r[i] = e[FIELD + i] - z_hat[i]
         turning += s[L.RATE + i] ** 2 if math.isfinite(s[L.RATE + i]) else 0.0
+        turning += 0.25 * s[L.LAST_DIFFERENCE + i] ** 2  # it may have turned faster between the samples
     expected = s[L.STRENGTH] if math.isfinite(s[L.STRENGTH]) else strength
     # a field of the wrong strength has a wrong direction too; a turning vehicle shows the direction of a while ago
-    variance = (
-        c[Parameter.MAGNETOMETER] ** 2 + (AGE_JITTER * strength) ** 2 * turning + (0.3 * (strength - expected)) ** 2
-    )
+    white = c[Parameter.MAGNETOMETER] ** 2 * s[L.SCALE_FIELD]
+    # what is wrong with the age stays so while a turn lasts: as white noise it counts once a turn, not once a sample
+    since = min(max(s[L.T] - s[L.T_MAGNETOMETER], PERIOD), TURN)
+    age = (AGE_JITTER**2 + min(s[L.PERIOD], HELD) ** 2 / 12.0) * TURN / since
+    variance = white + age * strength * strength * turning + (0.3 * (strength - expected)) ** 2
+    P = L.covariance(s)
+    total = 0.0
     for i in range(3):
         R[i, i] = variance
+        total += variance
+        for j in range(P.shape[0]):
+            if H[i, j] != 0.0:
+                for k in range(P.shape[0]):
+                    total += H[i, j] * P[j, k] * H[i, k]
     s[L.T_MAGNETOMETER] = s[L.T]
     nis = fuse(s, e, c, out, Sensor.MAGNETOMETER, r, H, R, Reason.DISTURBED if disturbed else Reason.FUSED)
     if nis >= 0.0:
         s[L.FIELD_REFUSED_SINCE] = np.nan
+        s[L.SCALE_FIELD] = learn(s[L.SCALE_FIELD], nis, 3, 3.0 * white / total, LEAST_FIELD_SCALE)
     elif not math.isfinite(s[L.FIELD_REFUSED_SINCE]):
         s[L.FIELD_REFUSED_SINCE] = s[L.T]
     elif s[L.T] - s[L.FIELD_REFUSED_SINCE] > RELEARN_AFTER and not disturbed:
