@@ -221,9 +221,25 @@ class Gates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 class Model(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """[model] choice of the kinematic model."""
 
-    strapdown_hz: Annotated[
-        float, Meta(ge=0.0, le=1000.0, description="Hz: an IMU slower than this is too slow for strapdown navigation")
-    ] = 1.5
+    telemetry: Annotated[
+        bool, Meta(description="whether the telemetry model (rate and force as states) is chosen where it is likelier")
+    ] = True
+    even_hz: Annotated[
+        float,
+        Meta(
+            gt=0.0,
+            le=1000.0,
+            description="Hz: an IMU slower than this begins with the telemetry model, a faster one with strapdown",
+        ),
+    ] = 2.0
+    compare_hz: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=1000.0,
+            description="Hz: with an IMU slower than this both are run, and the innovations decide; 0: the rate alone decides",
+        ),
+    ] = 8.0
 
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -16,11 +16,12 @@ makes 0.6 mm/s.
 import math
 
 from mavkf.compiled import compiled
+from mavkf.models import telemetry
 from mavkf.models.strapdown import DDELAY, DELAY, DGNSS, GNSS, POS, THETA, VEL, V
 
 # Behind the states of the kinematic models: where the antenna is from the IMU, in b, m
-ANTENNA, DANTENNA = 33, 32
-X_SIZE, STATES_MOST = 36, 35
+ANTENNA, DANTENNA = telemetry.X_SIZE, telemetry.N
+X_SIZE, STATES_MOST = telemetry.X_SIZE + 3, telemetry.N + 3
 
 
 @compiled

@@ -14,13 +14,12 @@ from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
 from mavkf.link.clocks import ClockCounts, VehicleClock
 from mavkf.navigation.estimator import Output, fold_counts, joined, run_offline
-from mavkf.navigation.setup import Setup
+from mavkf.navigation.setup import MODELS, Setup
 from mavkf.replay.tlog import Log, read_tlog
 from mavkf.samples import IMU_SOURCES, KIND, SESSION, Kind, Source
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
 Array = NDArray[np.float64]
-MODELS = ("strapdown", "constant-velocity")
 BLOCK = 50_000  # rows between two calls of `progress`
 
 
@@ -139,16 +138,41 @@ def run(
                 progress("estimating", (k + share) / len(addresses))
 
         name = vehicle_name(address)
-        clock = VehicleClock(options.config.timeline.window_s)
-        rows = within(np.concatenate([clock.push(log.rows[address]), clock.flush()]), options.span)
-        clocks[name] = clock.counts
-        estimate = _as_live if options.as_live else _offline
-        sessions += estimate(name, log.rows[address] if options.as_live else rows, rows, options, part, each)
+        found, clocks[name] = run_rows(name, log.rows[address], options, part, each)
+        sessions += found
     if options.session is not None and not sessions:
         raise UsageError(
             f"--session {options.session}: no vehicle has a session of this number; `mavkf info {path}` lists them"
         )
     return Result(log, sessions, clocks, read - begin, time.perf_counter() - read)
+
+
+def run_rows(
+    name: str,
+    rows: Array,
+    options: Options,
+    progress: Callable[[float], object] | None = None,
+    each: Callable[[VehicleStream, Step], object] | None = None,
+) -> tuple[list[SessionResult], ClockCounts]:
+    """Estimate the sample rows (n, ROW_WIDTH) of one vehicle, in the order of arrival; `run` does this for each vehicle of a log.
+
+    name: of the vehicle; progress: called with the share that is done; each: as of `run`. TIME and SESSION of the rows are not
+    read. Raises UsageError.
+    """
+    timed, counts = on_boot_clock(rows, options.config.timeline.window_s)
+    timed = within(timed, options.span)
+    estimate = _as_live if options.as_live else _offline
+    part = progress or (lambda _: None)
+    return list(estimate(name, rows if options.as_live else timed, timed, options, part, each)), counts
+
+
+def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
+    """Rows of one vehicle (n, ROW_WIDTH), in the order of arrival, with their TIME and SESSION; what has no time is left out.
+
+    window_s: as of `mavkf.config.Timeline`.
+    """
+    clock = VehicleClock(window_s)
+    return np.concatenate([clock.push(rows), clock.flush()]), clock.counts
 
 
 def _sessions(rows: Array, options: Options) -> Iterator[tuple[int, Array]]:
@@ -160,7 +184,7 @@ def _sessions(rows: Array, options: Options) -> Iterator[tuple[int, Array]]:
 
 
 def _offline(
-    name: str, _: Array, rows: Array, options: Options, part: Callable[[float], None], __: object
+    name: str, _: Array, rows: Array, options: Options, part: Callable[[float], object], __: object
 ) -> Iterator[SessionResult]:
     for session, mine in _sessions(rows, options):
         done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part)
@@ -172,7 +196,7 @@ def _as_live(
     arrived: Array,
     rows: Array,
     options: Options,
-    part: Callable[[float], None],
+    part: Callable[[float], object],
     each: Callable[[VehicleStream, Step], object] | None,
 ) -> Iterator[SessionResult]:
     live = VehicleStream(name, options.config, options.rate_hz, options.imu, options.model, options.span)

@@ -55,7 +55,7 @@ def warnings(session: SessionResult) -> list[str]:
         said.append("no IMU message: position and velocity are estimated, attitude is unknown")
     elif setup.imu is None:
         said.append("no usable IMU message in the first seconds: attitude is unknown")
-    elif not setup.strapdown:
+    elif setup.model == "constant-velocity":
         said.append(
             f"the IMU at {setup.imu_rate_hz:.2g} Hz is slow: attitude is coarse, and follows gravity rather than the motion"
         )

@@ -67,7 +67,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
         vehicle: Only this vehicle, as 1-1.
         session: Only this session (boot), from 0.
         imu: Use this IMU message, as RAW_IMU.
-        model: strapdown or constant-velocity, instead of the automatic choice.
+        model: strapdown, telemetry or constant-velocity, instead of the automatic choice.
         config: Settings from this TOML file.
         set: One setting, as vehicle.gnss_delay_s=0.2; may be repeated.
         settings: List all settings with their defaults, and end.

@@ -48,7 +48,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
         rate: Poses a second of the vehicle's clock; 0 for one each IMU sample.
         vehicle_name: SYSID-COMPID=NAME, as in 1-1=alpha: call this vehicle so in keys and records; may be repeated.
         imu: IMU message to use, as in RAW_IMU; chosen from the first seconds if not given.
-        model: strapdown or constant-velocity; chosen from the first seconds if not given.
+        model: strapdown, telemetry or constant-velocity; chosen from the first seconds if not given.
         config: TOML file of settings.
         set: key=value, one setting; may be repeated.
         encoding: json or msgpack.
@@ -81,7 +81,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError("--speed is for logs: live telemetry has its own pace")
 
     from mavkf.publish.session import publishing_session
-    from mavkf.replay.run import MODELS, imu_source
+    from mavkf.navigation.setup import MODELS
+    from mavkf.replay.run import imu_source
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs
     from mavkf.service.warmup import ensure_compiled

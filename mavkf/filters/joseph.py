@@ -37,9 +37,10 @@ def innovation_covariance(P, H, R, PHt, S):
 
 @compiled
 def invert(S, inverse):
-    """Inverse of a symmetric positive definite matrix (m, m) by Cholesky; returns whether it is positive definite."""
+    """Inverse of a symmetric positive definite matrix (m, m) by Cholesky; returns the determinant, 0 where it is not positive definite."""
     m = S.shape[0]
     L = np.zeros((m, m))
+    determinant = 1.0
     for i in range(m):
         for j in range(i + 1):
             total = S[i, j]
@@ -47,7 +48,8 @@ def invert(S, inverse):
                 total -= L[i, k] * L[j, k]
             if i == j:
                 if not total > 0.0:
-                    return False
+                    return 0.0
+                determinant *= total
                 L[i, i] = math.sqrt(total)
             else:
                 L[i, j] = total / L[j, j]
@@ -64,7 +66,7 @@ def invert(S, inverse):
             for k in range(i + 1, m):
                 total -= L[k, i] * inverse[k, c]
             inverse[i, c] = total / L[i, i]
-    return True
+    return determinant
 
 
 @compiled

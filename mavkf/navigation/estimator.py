@@ -192,7 +192,7 @@ class SessionEstimator:
         self._out = (
             np.empty((BUFFER, L.INNOVATION_WIDTH)),
             np.empty((BUFFER, L.NOTE_WIDTH)),
-            np.zeros(2, dtype=np.int64),
+            np.zeros(3, dtype=np.int64),
             np.full(L.NOTE_CODES, -np.inf),
             np.full(L.SENSORS * HISTORY, -1.0),
         )
@@ -272,7 +272,7 @@ def run_offline(
     out = (
         np.empty((16 * BUFFER, L.INNOVATION_WIDTH)),
         np.empty((BUFFER, L.NOTE_WIDTH)),
-        np.zeros(2, dtype=np.int64),
+        np.zeros(3, dtype=np.int64),
         np.full(L.NOTE_CODES, -np.inf),
         np.full(L.SENSORS, -1.0),  # in order, no event is folded twice
     )

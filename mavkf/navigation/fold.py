@@ -26,7 +26,9 @@ from mavkf.navigation.plausible import (
     POLE,
     plausible,
 )
+from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
 from mavkf.navigation.propagation import coast, set_acceleration, step, untruncated, watch_samples
+from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
@@ -40,20 +42,21 @@ ARMED_BIT = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 
 
 @compiled
-def choose_model(s, c, out):
-    """Strapdown where it is wanted and can be: attitude and yaw known, position known, samples without a gap."""
-    wanted = (
-        c[Parameter.WANT_STRAPDOWN] != 0.0
-        and s[L.ALIGNED] != 0.0
-        and s[L.YAW_KNOWN] != 0.0
-        and s[L.POSITION_KNOWN] != 0.0
-    )
-    if wanted and s[L.MODEL] != L.STRAPDOWN:
-        s[L.MODEL] = L.STRAPDOWN
-        note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 1.0, 0.0)
-    elif not wanted and s[L.MODEL] == L.STRAPDOWN:
-        s[L.MODEL] = L.CONSTANT_VELOCITY
-        note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, 0.0, 0.0)
+def choose_model(s, e, c, out):
+    """The model that is wanted where it can be: attitude, yaw and position known. A vehicle at rest needs no states for its motion."""
+    model = s[L.WANTED]
+    if s[L.ALIGNED] == 0.0 or s[L.YAW_KNOWN] == 0.0 or s[L.POSITION_KNOWN] == 0.0:
+        model = L.CONSTANT_VELOCITY
+    elif model == L.TELEMETRY and s[L.RESTING] != 0.0:
+        model = L.STRAPDOWN
+    if model == s[L.MODEL]:
+        return
+    if s[L.MODEL] == L.TELEMETRY:
+        leave(s)
+    s[L.MODEL] = model
+    if model == L.TELEMETRY:
+        enter(s, e, c)
+    note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, model, 0.0)
 
 
 @compiled
@@ -81,6 +84,8 @@ def watch_position(s, out):
         s[L.POSITION_KNOWN] = 0.0
         s[L.FIX_COUNT] = 0.0
         s[L.OUTAGE] = 0.0
+        if s[L.MODEL] == L.TELEMETRY:
+            leave(s)
         s[L.MODEL] = L.CONSTANT_VELOCITY
         for first in (VEL, POS):
             for i in range(first, first + 3):
@@ -120,7 +125,7 @@ def use_imu(s, e, c, out):
         s[L.GAP_COUNT] += 1.0
         s[L.GAP_LONGEST] = max(s[L.GAP_LONGEST], dt)
         note(out, NoteCode.IMU_GAP, s[L.T_IMU], t, dt, 0.0, 0.0)
-        s[L.RECOVERING] = FIXES_AFTER_GAP if s[L.MODEL] == L.STRAPDOWN else 0.0
+        s[L.RECOVERING] = FIXES_AFTER_GAP if s[L.MODEL] != L.CONSTANT_VELOCITY else 0.0
     if not first and not gap:
         s[L.PERIOD] = dt if s[L.PERIOD] == 0.0 else s[L.PERIOD] + (dt - s[L.PERIOD]) * min(1.0, dt / 2.0 + 0.02)
         gyro, accel = watch_samples(s, e, c, imu, dt)
@@ -131,6 +136,8 @@ def use_imu(s, e, c, out):
     elif gap or first:
         flush(s, c, out)
         coast_or_start(s, c, t)
+    elif s[L.MODEL] == L.TELEMETRY:
+        follow(s, t, c, out)
     else:
         interpolate(s, imu, t, c, out)
     s[L.T_IMU] = t
@@ -138,12 +145,17 @@ def use_imu(s, e, c, out):
         s[L.IMU + i] = imu[i]
     for i in range(3):
         s[L.RATE + i] = imu[i] - s[BG + i]
-    if s[L.ALIGNED] != 0.0 and s[L.MODEL] != L.STRAPDOWN:
+    if s[L.MODEL] == L.TELEMETRY:
+        if gap:
+            enter(s, e, c)
+        else:
+            use_sample(s, e, c, out)
+    if s[L.ALIGNED] != 0.0 and s[L.MODEL] == L.CONSTANT_VELOCITY:
         level(s, e, c, out)
     if s[L.ALIGNED] != 0.0 and c[Parameter.REST] != 0.0:
         rest(s, e, c, out, gyro, accel)
     watch_position(s, out)
-    choose_model(s, c, out)
+    choose_model(s, e, c, out)
 
 
 @compiled
@@ -174,6 +186,18 @@ def interpolate(s, imu, t, c, out):
 
 
 @compiled
+def follow(s, t, c, out):
+    """To time t by the telemetry model, stopping at each measurement that waits."""
+    n = int(s[L.PENDING_COUNT])
+    for k in range(n):
+        e = s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH].copy()
+        advance(s, c, e[TIME])
+        measure(s, e, c, out)
+    s[L.PENDING_COUNT] = 0.0
+    advance(s, c, t)
+
+
+@compiled
 def coast_or_start(s, c, t):
     """Bring the state to time t without an IMU; the first event of a session starts its clock."""
     if math.isfinite(s[L.T]):
@@ -195,9 +219,24 @@ def flush(s, c, out):
 
 @compiled
 def fold(s, e, c, out):
-    """Take one event (EVENT_WIDTH,) into the state (STATE_SIZE,), in place.
+    """Take one event (EVENT_WIDTH,) into the state (STATE_SIZE,), in place: into both of its halves where two models are run.
 
-    c: parameters; out: innovation rows, note rows, their two counts (int64), the times of the last notes, the events on record.
+    Arguments as of `fold_one`.
+    """
+    fold_one(s[: L.HALF], e, c, out)
+    if s[L.SECOND] != 0.0:
+        out[2][2] = 1  # what the second finds is not told
+        fold_one(s[L.HALF :], e, c, out)
+        out[2][2] = 0
+    if int(e[KIND]) == IMU_KIND:
+        weigh_models(s, e, c, out)
+
+
+@compiled
+def fold_one(s, e, c, out):
+    """Take one event (EVENT_WIDTH,) into one half of the state (HALF,), in place.
+
+    c: parameters; out: innovation rows, note rows, their two counts and whether to keep silent (int64), the times of the last notes, the events on record.
     Events must come in the order of `timeline.precedes`. Nothing is raised: what cannot be used is refused and recorded.
     """
     kind = int(e[KIND])

@@ -1,8 +1,10 @@
 """Judging and fusing one measurement, and the record that it leaves either way.
 
-`out` holds the output buffers: innovation rows, note rows, their two counts, the time of the last note of each code, and the numbers of
+`out` holds the output buffers: innovation rows, note rows, their two counts and whether to keep silent, the time of the last note of each code, and the numbers of
 the events on record: an event that is folded again after a late one does not tell its story twice.
 """
+
+import math
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from mavkf.compiled import compiled
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
 from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Parameter, Reason
+from mavkf.navigation.layout import Parameter, Reason, Sensor
 from mavkf.samples import SOURCE
 
 SLOWEST_FOR_DELAY = 0.05  # s between IMU samples, above which the GNSS delay is not learnt
@@ -20,7 +22,7 @@ SLOWEST_FOR_DELAY = 0.05  # s between IMU samples, above which the GNSS delay is
 def note(out, code, start, end, size, a, b):
     """Write a note row, unless one of this code was written for this time or a later one (the event is folded again)."""
     notes, counts, written = out[1], out[2], out[3]
-    if end > written[code.value] and counts[1] < notes.shape[0]:
+    if counts[2] == 0 and end > written[code.value] and counts[1] < notes.shape[0]:
         written[code.value] = end
         row = notes[counts[1]]
         row[L.NOTE_CODE] = code.value
@@ -37,7 +39,7 @@ def record(out, e, t, sensor, r, S, nis, limit, reason):
     """Write an innovation row, unless this event has left one for this sensor already (it is folded again)."""
     rows, counts, recorded = out[0], out[2], out[4]
     slot = (L.SENSORS * int(e[L.EVENT_ID]) + sensor.value) % recorded.shape[0]
-    if recorded[slot] != e[L.EVENT_ID] and counts[0] < rows.shape[0]:
+    if counts[2] == 0 and recorded[slot] != e[L.EVENT_ID] and counts[0] < rows.shape[0]:
         recorded[slot] = e[L.EVENT_ID]
         row = rows[counts[0]]
         row[:] = 0.0
@@ -72,13 +74,17 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
     limit = c[Parameter.LIMIT_1 + m - 1]
     nis = np.nan
     reason = suspect
-    if not invert(S, inverse):
+    determinant = invert(S, inverse)
+    if not determinant > 0.0:
         reason = Reason.SINGULAR
     else:
         nis = quadratic(inverse, r)
         # a NaN fails the comparison and is refused like an outlier
         if reason == Reason.FUSED and not nis <= limit:
             reason = Reason.GATE
+        if sensor.value <= Sensor.BAROMETER.value:
+            # what is refused counts as if it had just been let in
+            s[L.LIKELIHOOD] -= 0.5 * (min(nis, limit) + math.log(determinant))
     record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
     if reason != Reason.FUSED:
         return -1.0

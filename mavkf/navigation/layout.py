@@ -27,12 +27,19 @@ _book = P + STATES_MOST * STATES_MOST
     YAW_KNOWN,
     POSITION_KNOWN,
     MODEL,  # what carries velocity and position: CONSTANT_VELOCITY, STRAPDOWN or TELEMETRY
+    WANTED,  # the model to use where it can be
+    SECOND,  # 1: another model runs beside it, in the second half of the array
+    ODDS,  # logarithm of the odds of telemetry against strapdown by likelihood, without the prior
+    T_ODDS,
+    LIKELIHOOD,  # logarithm, of what was fused since the models were weighed
     STATES,  # number of error states in use: P is (STATES, STATES)
     BAROMETER_KNOWN,
     T_IMU,  # last IMU sample, NaN: none
     PERIOD,  # s between IMU samples, running mean
     DIFFERENCE_GYRO,  # (rad/s)^2, running mean over 20 s of the squared difference of successive samples, per axis
     DIFFERENCE_ACCEL,  # (m/s^2)^2
+    SQUARE_GYRO,  # of the last two samples
+    SQUARE_ACCEL,
     TURN_GYRO,  # (rad/s)^2, the like of the product of successive differences
     TURN_ACCEL,  # (m/s^2)^2
     NOISE_GYRO,  # rad^2/s: the density in use now
@@ -71,6 +78,8 @@ _book = P + STATES_MOST * STATES_MOST
     SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
     SCALE_FIELD,  # learnt variance of the magnetometer, against what is assumed
     SCALE_WALK,  # learnt variance of the walk of the gyro bias, against what is assumed
+    SCALE_DRIVE,  # learnt density that drives the rate of the telemetry model, against what the samples show
+    SCALE_DRIVE_FORCE,  # and its specific force
     SCALE_IMU,  # learnt noise density of the IMU, against what the samples show
     RECOVERING,  # fixes to come before a state that has crossed a gap of the IMU is shown again
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
@@ -78,8 +87,8 @@ _book = P + STATES_MOST * STATES_MOST
     PENDING_COUNT,
     UNKNOWN_LEVER,  # m: one sigma of the lever arm that the coloured error stands for, while the heading is not known
     YAW_REFUSED_SINCE,  # start of an unbroken run of refused headings of the receiver, NaN: none
-) = range(_book, _book + 56)
-IMU = _book + 56  # last sample: omega_b, f_b
+) = range(_book, _book + 65)
+IMU = _book + 65  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
@@ -96,7 +105,8 @@ GUESSES, GUESS = 12, 10  # of the yaw bank: hypotheses, and numbers for each
 BANK = LAST_VELOCITY + 2
 PENDING = BANK + GUESSES * GUESS
 PENDING_CAPACITY = 32
-STATE_SIZE = PENDING + PENDING_CAPACITY * EVENT_WIDTH
+HALF = PENDING + PENDING_CAPACITY * EVENT_WIDTH
+STATE_SIZE = 2 * HALF  # all of it twice: see SECOND
 
 
 CONSTANT_VELOCITY, STRAPDOWN, TELEMETRY = 0.0, 1.0, 2.0  # values of MODEL
@@ -105,7 +115,7 @@ CONSTANT_VELOCITY, STRAPDOWN, TELEMETRY = 0.0, 1.0, 2.0  # values of MODEL
 class Parameter(IntEnum):
     """Columns of the parameter array: configuration and what was chosen for the session."""
 
-    WANT_STRAPDOWN = 0
+    MODEL = 0
     GYRO = 1
     ACCEL = 2
     GYRO_WALK = 3
@@ -143,12 +153,14 @@ class Parameter(IntEnum):
     REST = 35
     USE_MOTION_YAW = 36
     COLOUR_VERTICAL = 37
-    ANTENNA_X = 38
-    ANTENNA_Y = 39
-    ANTENNA_Z = 40
-    ANTENNA_SIGMA = 41  # m, 0: its place is not estimated
-    USE_GNSS_YAW = 42
-    GNSS_YAW = 43
+    COMPARE_HZ = 38
+    EVEN_HZ = 39
+    ANTENNA_X = 40
+    ANTENNA_Y = 41
+    ANTENNA_Z = 42
+    ANTENNA_SIGMA = 43  # m, 0: its place is not estimated
+    USE_GNSS_YAW = 44
+    GNSS_YAW = 45
 
 
 PARAMETERS = len(Parameter)
@@ -196,7 +208,9 @@ class Sensor(IntEnum):
     GRAVITY = 4
     REST_VELOCITY = 5
     REST_RATE = 6
-    GNSS_YAW = 7
+    GYRO = 7
+    ACCELEROMETER = 8
+    GNSS_YAW = 9
 
 
 SENSORS = len(Sensor)

@@ -46,6 +46,7 @@ def begin(s, c):
     s[L.X] = 1.0
     antenna = c[Parameter.ANTENNA_SIGMA] > 0.0
     s[L.STATES] = STATES_MOST if antenna else N
+    s[L.WANTED] = c[Parameter.MODEL]
     for i in (
         L.T,
         L.T_IMU,
@@ -75,6 +76,8 @@ def begin(s, c):
     s[L.SCALE_FIELD] = 1.0
     s[L.SCALE_WALK] = 1.0
     s[L.SCALE_IMU] = 1.0
+    s[L.SCALE_DRIVE] = 1.0
+    s[L.SCALE_DRIVE + 1] = 1.0
     for i in range(2):
         s[L.SCALE_POSITION + i] = 1.0
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
@@ -219,7 +222,7 @@ def coast(s, c, t):
 @compiled
 def set_acceleration(s, imu):
     """Keep the acceleration in n (m/s^2) that a sample (6,) at the state's time shows; it is what makes a delay visible."""
-    if s[L.MODEL] != L.STRAPDOWN:
+    if s[L.MODEL] == L.CONSTANT_VELOCITY:
         for i in range(3):
             s[L.ACCELERATION + i] = 0.0
         return
@@ -266,6 +269,7 @@ def watch_samples(s, e, c, imu, dt):
     for k in range(2):
         s[L.DIFFERENCE_GYRO + k] += weight * (square[k] - s[L.DIFFERENCE_GYRO + k])
         s[L.TURN_GYRO + k] += weight * (product[k] - s[L.TURN_GYRO + k])
+        s[L.SQUARE_GYRO + k] = square[k]
         share = unseen_share(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
         unseen = share * max(square[k], s[L.DIFFERENCE_GYRO + k])
         resolution = e[GYRO_RESOLUTION + k]

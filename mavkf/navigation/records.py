@@ -53,8 +53,8 @@ def validity(bits: float) -> Validity:
 
 def model_name(row: Array) -> str | None:
     """The model that a pose row was made by, None before there is one."""
-    if row[L.R_MODEL]:
-        return "strapdown"
+    if row[L.R_MODEL] != L.CONSTANT_VELOCITY:
+        return "telemetry" if row[L.R_MODEL] == L.TELEMETRY else "strapdown"
     return "constant-velocity" if math.isfinite(row[L.R_LATITUDE]) else None
 
 
@@ -179,9 +179,7 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
         case NoteCode.IMU_GAP:
             return {}, f"no IMU sample for {size:.2f} s"
         case NoteCode.MODEL_CHANGED:
-            return {
-                "strapdown": bool(a)
-            }, "strapdown navigation begins" if a else "strapdown navigation ends: constant velocity"
+            return _model_changed(size, a, b)
         case NoteCode.VELOCITY_RESET:
             text = f"velocity reset by {size:.1f} m/s: {int(a)} velocities had been refused for {end - start:.0f} s"
             return {"refused_velocities": int(a)}, text
@@ -202,3 +200,13 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
             return {}, "the vehicle was armed"
         case NoteCode.DISARMED:
             return {}, "the vehicle was disarmed"
+
+
+def _model_changed(odds: float, code: float, rate: float) -> tuple[dict[str, Any], str]:
+    name = {L.CONSTANT_VELOCITY: "constant-velocity", L.STRAPDOWN: "strapdown", L.TELEMETRY: "telemetry"}[code]
+    if rate:
+        return (
+            {"model": name, "log_odds": odds, "imu_hz": rate},
+            f"model {name} leads now: with the IMU at {rate:.2g} Hz the other sensors find it likelier",
+        )
+    return {"model": name}, f"model {name} begins"

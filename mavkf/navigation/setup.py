@@ -11,6 +11,7 @@ from mavkf.config import Config
 from mavkf.errors import UsageError
 from mavkf.filters.chi_square import limit
 from mavkf.models.earth import STANDARD_GRAVITY
+from mavkf.navigation import layout as L
 from mavkf.navigation.layout import PARAMETERS, Parameter
 from mavkf.samples import (
     ACCEL,
@@ -52,15 +53,16 @@ DELAYS = {
 }
 NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
 ANTENNA_TOLD, ANTENNA_UNTOLD = 0.05, 0.3  # m: one sigma of where the antenna is, configured or not
-FAST_HZ = 8.0  # Hz: what a vehicle does between the samples of a slower IMU is mostly not seen
+MODELS = {"constant-velocity": L.CONSTANT_VELOCITY, "strapdown": L.STRAPDOWN, "telemetry": L.TELEMETRY}
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
 
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """The choices for one session. Sources are None where nothing is known of them; rates are those of the first seconds, Hz.
 
-    imu_period: s, median between the samples of the first seconds; 0: no IMU.
-    imu_rotation: roll, pitch, yaw of the sensor frame in the body, rad.
+    imu_period: s, median between the samples of the first seconds; 0: no IMU. imu_rotation: roll, pitch, yaw
+    of the sensor frame in the body, rad. model: one of MODELS, to begin with;
+    compare: whether the other of strapdown and telemetry is tried beside it while the IMU is slow.
     """
 
     imu: Source | None
@@ -76,7 +78,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     imu_delay: float
     magnetometer_delay: float
     barometer_delay: float
-    strapdown: bool
+    model: str
+    compare: bool
     reasons: tuple[str, ...]
 
 
@@ -155,10 +158,37 @@ def _latest(rows: NDArray[np.float64], column: int) -> int | None:
     return int(beats[-1, column]) if beats.shape[0] else None
 
 
+def _choose_model(
+    imu: Source | None, rate: float, config: Config, forced: str | None, reasons: list[str]
+) -> tuple[str, bool]:
+    """The model to begin with, and whether another is tried beside it."""
+    if imu is None:
+        reasons.append(
+            "model constant-velocity: without an IMU there is no attitude, and between fixes the velocity is assumed to last"
+        )
+        return "constant-velocity", False
+    if forced is not None:
+        reasons.append(f"model {forced}, as asked")
+        return forced, False
+    if not config.model.telemetry:
+        reasons.append("model strapdown: the telemetry model is switched off")
+        return "strapdown", False
+    slow = rate < config.model.even_hz
+    name = "telemetry" if slow else "strapdown"
+    if rate >= config.model.compare_hz:
+        reasons.append(f"model {name}: the IMU at {rate:.3g} Hz is fast enough to be integrated")
+    else:
+        reasons.append(
+            f"model {name} to begin with: the IMU at {rate:.2g} Hz is slow; {'strapdown' if slow else 'telemetry'} runs beside it and "
+            "leads when the other sensors find it likelier"
+        )
+    return name, config.model.compare_hz > 0.0
+
+
 def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None, model: str | None = None) -> Setup:
     """Choose from a session's first rows (n, ROW_WIDTH), in order of arrival.
 
-    imu: a message to use whatever its merits; model: "strapdown" or "constant-velocity" to force it.
+    imu: a message to use whatever its merits; model: one of MODELS, to force it.
     Raises UsageError where the forced IMU is not there.
     """
     reasons: list[str] = []
@@ -167,27 +197,7 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     delays = DELAYS.get(autopilot, NO_DELAYS) if autopilot is not None else NO_DELAYS
     vehicle = config.vehicle
     roll, pitch, yaw = vehicle.imu_rotation_deg
-    strapdown = source is not None and rate >= config.model.strapdown_hz
-    if model is not None:
-        strapdown = model == "strapdown" and source is not None
-        reasons.append(f"model {model}, as asked")
-    elif source is None:
-        reasons.append(
-            "model constant-velocity: without an IMU there is no attitude, and between fixes the velocity is assumed to last"
-        )
-    elif strapdown:
-        if rate >= FAST_HZ:
-            reasons.append("model strapdown: the IMU is fast enough to be integrated")
-        else:
-            reasons.append(
-                f"model strapdown: an IMU at {rate:.2g} Hz is slow, and is integrated with a noise as large as its samples differ"
-            )
-    else:
-        reasons.append(
-            f"model constant-velocity: an IMU at {rate:.2g} Hz is too slow to be integrated "
-            f"({config.model.strapdown_hz:g} Hz is the least), "
-            "so it gives attitude only, and velocity and position come from GNSS and barometer"
-        )
+    chosen, compare = _choose_model(source, rate, config, model, reasons)
     magnetometers = ([source] if source is not None else []) + list(IMU_SOURCES)
 
     def delay(configured: float | None, name: str) -> float:
@@ -208,7 +218,8 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
         imu_delay=delay(vehicle.imu_delay_s, "imu"),
         magnetometer_delay=delay(vehicle.magnetometer_delay_s, "magnetometer"),
         barometer_delay=delay(vehicle.barometer_delay_s, "barometer"),
-        strapdown=strapdown,
+        model=chosen,
+        compare=compare,
         reasons=tuple(reasons),
     )
 
@@ -220,7 +231,9 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
     antenna_sigma = ANTENNA_TOLD if any(antenna) else ANTENNA_UNTOLD
     declination = config.vehicle.magnetic_declination_deg
     values = {
-        Parameter.WANT_STRAPDOWN: float(setup.strapdown),
+        Parameter.MODEL: MODELS[setup.model],
+        Parameter.COMPARE_HZ: config.model.compare_hz if setup.compare else 0.0,
+        Parameter.EVEN_HZ: config.model.even_hz,
         Parameter.GYRO: noise.gyro,
         Parameter.ACCEL: noise.accelerometer,
         Parameter.GYRO_WALK: noise.gyro_bias_walk,

@@ -101,6 +101,20 @@ def insert(events, n, e):
 
 
 @compiled
+def copy_state(a, b):
+    """Copy state a to b (STATE_SIZE,); the second half only where it is in use, else it is zero as long as it has been used."""
+    used = b[L.SECOND] != 0.0
+    for i in range(L.HALF):
+        b[i] = a[i]
+    if a[L.SECOND] != 0.0:
+        for i in range(L.HALF, L.STATE_SIZE):
+            b[i] = a[i]
+    elif used:
+        for i in range(L.HALF, L.STATE_SIZE):
+            b[i] = 0.0
+
+
+@compiled
 def forget_old(events, snapshots, cursor):
     """Drop the older half of a full history, in whole strides; returns the time of the last that was dropped."""
     drop = (cursor[EVENTS] // 2 // STRIDE) * STRIDE
@@ -109,7 +123,7 @@ def forget_old(events, snapshots, cursor):
         events[k, :] = events[k + drop]
     moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
     for k in range(moved):
-        snapshots[k, :] = snapshots[k + drop // STRIDE]
+        copy_state(snapshots[k + drop // STRIDE], snapshots[k])
     cursor[EVENTS] -= drop
     cursor[FOLDED] -= drop
     return last
@@ -120,7 +134,7 @@ def fold_to_end(s, events, snapshots, cursor, c, out):
     """Fold what has not been folded; keep a snapshot before every STRIDE-th event."""
     for k in range(cursor[FOLDED], cursor[EVENTS]):
         if k % STRIDE == 0:
-            snapshots[k // STRIDE, :] = s
+            copy_state(s, snapshots[k // STRIDE])
         fold(s, events[k], c, out)
     cursor[FOLDED] = cursor[EVENTS]
 
@@ -154,7 +168,7 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
         cursor[EVENTS] += 1
         if place < cursor[FOLDED]:
             k = place // STRIDE
-            s[:] = snapshots[k]
+            copy_state(snapshots[k], s)
             cursor[FOLDED] = k * STRIDE
         fold_to_end(s, events, snapshots, cursor, c, out)
         if makes_pose and math.isfinite(s[L.T]):

@@ -362,7 +362,7 @@ def fuse_velocity(s, e, c, out):
         s[L.T_VELOCITY] = s[L.T]
         s[L.SCALE_VELOCITY] = learn(s[L.SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
         s[L.VELOCITY_REFUSED] = 0.0
-        if s[L.MODEL] == L.STRAPDOWN:
+        if s[L.MODEL] != L.CONSTANT_VELOCITY:
             learn_walk(s, r, variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
             s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)
         return

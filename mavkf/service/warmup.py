@@ -39,7 +39,7 @@ def compile_all() -> None:
     gather(data, frames[frames["message"] == message_ids()["RAW_IMU"]], "RAW_IMU")
     rows = decode(data, frames)[1, 1]
     FrameStream().push(b"".join(frame for _, frame in flight()), BEGIN_US, last=True)
-    for model in ("strapdown", "constant-velocity"):
+    for model in ("strapdown", "telemetry", "constant-velocity"):
         live = VehicleStream("1-1", Config(), model=model)
         for step in live.push(rows):
             for _ in live.records(step):

@@ -30,6 +30,10 @@ FIRST_FIX = 6.0  # s since boot
 POSITION_KNOWN = 9.0  # s since boot: from when the autopilot's own estimate holds a position
 IMU_AGE = 1.0e-3, 1.5e-3  # s: of the newest filtered sample when it is sent
 JITTER, IMU_JITTER = 1.5e-3, 3e-4  # s: messages wait for their turn in the main loop
+FIELD_AGE, PRESSURE_AGE = (
+    0.05,
+    0.02,
+)  # s: of a new value, which is a mean over the time since the one before, as ArduPilot's
 ESTIMATE_AGE = 0.02  # s: lag of the autopilot's own estimate
 ESTIMATE_TILT, ESTIMATE_YAW, ESTIMATE_SPEED, ESTIMATE_TIME = math.radians(0.15), math.radians(0.6), 0.05, 20.0
 IMU_BLOCK = 20_000  # samples
@@ -125,12 +129,12 @@ class _Flight:
         times = taken / IMU_RATE + imu_rng.uniform(*IMU_AGE, len(taken))
         imu = self._imu(imu_rng, taken, progress)
         sampled = self._samples(rng, 10.0)
-        field = sensors.magnetometer(self._noise, rng, self._trajectory.at(sampled), self._field())
+        field = sensors.magnetometer(self._noise, rng, self._trajectory.at(sampled - FIELD_AGE), self._field())
         field = field[_newest(sampled, times)]
         streams = [messages.raw_imu(times, imu, field, _temperature(times))]
 
         sampled = self._samples(rng, 20.0)
-        motion = self._trajectory.at(sampled)
+        motion = self._trajectory.at(sampled - PRESSURE_AGE)
         pressure = sensors.barometer(self._noise, rng, motion)
         flow = np.sum(motion.v_n**2, axis=1) * (0.5 * AIR_DENSITY * self._winged)
         sent = self._schedule(rng, 20.0)
@@ -155,9 +159,9 @@ class _Flight:
         held = _newest(measured + delay, sent)
         n = self._noise
         accuracies = (
-            max(0.3, math.hypot(n.gnss_horizontal, n.gnss_drift_horizontal)),
-            max(0.3, math.hypot(n.gnss_vertical, n.gnss_drift_vertical)),
-            max(0.05, n.gnss_speed_horizontal),
+            n.gnss_claim * max(0.3, math.hypot(n.gnss_horizontal, n.gnss_drift_horizontal)),
+            n.gnss_claim * max(0.3, math.hypot(n.gnss_vertical, n.gnss_drift_vertical)),
+            n.gnss_claim * max(0.05, n.gnss_speed_horizontal),
         )
         latitude, longitude, height = place
         v_n = motion.v_n + speed_errors

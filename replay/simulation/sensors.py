@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 IMU_RATE = 1000  # Hz: at which the IMU is sampled, ahead of its filter
 IMU_CUTOFF = 20.0  # Hz: of its low-pass filter, as ArduPilot sets it for copters and planes
 TAPS = 256  # the filter's response has fallen to 1e-9 by then
-TIME_CONSTANTS = ("gnss_time_constant", "baro_time_constant")
+NOT_DEVIATIONS = ("gnss_time_constant", "baro_time_constant", "gnss_speed_time_constant", "gnss_claim")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,8 @@ class SensorNoise:
     baro_noise, baro_drift:         white noise and Gauss-Markov drift, Pa; baro_time_constant its time constant, s.
     gnss_horizontal, gnss_vertical: white position noise, m.
     gnss_drift_horizontal, gnss_drift_vertical: Gauss-Markov position error, m; gnss_time_constant its time constant, s.
-    gnss_speed_horizontal, gnss_speed_vertical: white velocity noise, m/s.
+    gnss_speed_horizontal, gnss_speed_vertical: velocity error, m/s; gnss_speed_time_constant its time constant, s, 0: it is white.
+    gnss_claim:                     what the receiver claims its errors to be, as a multiple of what they are.
     """
 
     gyro_density: float = 1e-4
@@ -55,10 +56,12 @@ class SensorNoise:
     gnss_time_constant: float = 60.0
     gnss_speed_horizontal: float = 0.05
     gnss_speed_vertical: float = 0.08
+    gnss_speed_time_constant: float = 0.0
+    gnss_claim: float = 1.0
 
     def scaled(self, factor: float) -> Self:
         """Give the same with every standard deviation multiplied; 0 makes all sensors perfect but for their delays."""
-        names = [f.name for f in fields(self) if f.name not in TIME_CONSTANTS]
+        names = [f.name for f in fields(self) if f.name not in NOT_DEVIATIONS]
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
 
@@ -146,5 +149,9 @@ def gnss(noise: SensorNoise, rng: Generator, t: Floats) -> tuple[Floats, Floats]
     shape = (len(t), 3)
     coloured = np.array([noise.gnss_drift_horizontal] * 2 + [noise.gnss_drift_vertical]) * drift
     white = np.array([noise.gnss_horizontal] * 2 + [noise.gnss_vertical]) * rng.standard_normal(shape)
-    speed = np.array([noise.gnss_speed_horizontal] * 2 + [noise.gnss_speed_vertical]) * rng.standard_normal(shape)
+    if noise.gnss_speed_time_constant > 0.0:
+        unit = gauss_markov(rng, t, 1.0, noise.gnss_speed_time_constant, 3)
+    else:
+        unit = rng.standard_normal(shape)
+    speed = np.array([noise.gnss_speed_horizontal] * 2 + [noise.gnss_speed_vertical]) * unit
     return coloured + white, speed

@@ -27,7 +27,7 @@ def outputs() -> tuple[Array, ...]:
     return (
         np.empty((64, L.INNOVATION_WIDTH)),
         np.empty((64, L.NOTE_WIDTH)),
-        np.zeros(2, dtype=np.int64),
+        np.zeros(3, dtype=np.int64),
         np.full(L.NOTE_CODES, -np.inf),
         np.full(1024, -1.0),
     )

@@ -23,7 +23,7 @@ def between(shares: list[float]) -> np.ndarray:
     out = (
         np.empty((16, L.INNOVATION_WIDTH)),
         np.empty((16, L.NOTE_WIDTH)),
-        np.zeros(2, dtype=np.int64),
+        np.zeros(3, dtype=np.int64),
         np.full(L.NOTE_CODES, -np.inf),
         np.full(64, -1.0),
     )

@@ -151,7 +151,7 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
     out = (
         np.empty((BUFFER, L.INNOVATION_WIDTH)),
         np.empty((BUFFER, L.NOTE_WIDTH)),
-        np.zeros(2, dtype=np.int64),
+        np.zeros(3, dtype=np.int64),
         np.full(L.NOTE_CODES, -np.inf),
         np.full(4 * capacity, -1.0),
     )

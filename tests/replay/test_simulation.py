@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import all as dialect
 from mavkf.cli import main
 from mavkf.errors import UsageError
 from mavkf.models import earth as compiled_earth
-from mavkf.replay.simulation import SensorNoise, manoeuvres, messages, sensors, simulate
+from mavkf.replay.simulation import SensorNoise, draw_noise, manoeuvres, messages, parts, sensors, simulate
 from mavkf.replay.simulation.route import Channel, Route
 from mavkf.replay.simulation.trajectory import Trajectory, ecef, geodetic, gravity
 from mavkf.replay.tlog import read_tlog
@@ -235,7 +235,53 @@ def test_pressure_is_that_of_the_standard_atmosphere() -> None:
     assert sensors.isa_pressure(np.array([0.0, 500.0, 2000.0])) == pytest.approx([101325.0, 95461.0, 79501.0], abs=2.0)
 
 
+def test_the_velocity_error_lingers_as_long_as_it_says() -> None:
+    t = 0.2 * np.arange(20_000)
+    noise = SensorNoise(gnss_speed_horizontal=0.1, gnss_speed_vertical=0.2, gnss_speed_time_constant=0.4)
+    errors = sensors.gnss(noise, np.random.default_rng(3), t)[1]
+    assert np.std(errors, axis=0) == pytest.approx([0.1, 0.1, 0.2], rel=0.05)
+    kept = np.mean(errors[1:] * errors[:-1], axis=0) / np.var(errors, axis=0)
+    assert kept == pytest.approx([math.exp(-0.5)] * 3, abs=0.03)
+    white = sensors.gnss(SensorNoise(), np.random.default_rng(3), t)[1]
+    assert np.abs(np.mean(white[1:] * white[:-1], axis=0) / np.var(white, axis=0)).max() < 0.03
+
+
+def test_drawn_sensors_lie_between_the_parts_and_differ() -> None:
+    rng = np.random.default_rng(1)
+    drawn = [vars(draw_noise(rng)) for _ in range(300)]
+    for name, (low, high) in parts.RANGES.items():
+        values = np.array([each[name] for each in drawn])
+        assert low <= values.min() < low * (high / low) ** 0.1 and low * (high / low) ** 0.9 < values.max() <= high
+        assert np.median(values) == pytest.approx(math.sqrt(low * high), rel=0.15 * math.log(high / low))
+    for name in ("", "drift_", "speed_"):
+        ratio = np.array([each[f"gnss_{name}vertical"] / each[f"gnss_{name}horizontal"] for each in drawn])
+        assert ratio.min() >= 1.2 and ratio.max() <= 1.8
+    assert vars(draw_noise(np.random.default_rng(1))) == drawn[0]
+
+
+def test_what_a_receiver_claims_is_a_multiple_of_its_errors(tmp_path: Path) -> None:
+    noise = SensorNoise(gnss_horizontal=0.3, gnss_drift_horizontal=0.4, gnss_speed_horizontal=0.1, gnss_claim=2.0)
+    simulate(tmp_path / "flight.tlog", duration_s=60.0, noise=noise)
+    claims = [m for _, m in read(tmp_path / "flight.tlog") if m.get_type() == "GPS_RAW_INT" and m.fix_type >= 3]
+    assert (claims[-1].h_acc, claims[-1].vel_acc) == (1000, 200)
+    assert SensorNoise(gnss_claim=1.2).scaled(0).gnss_claim == 1.2
+
+
 # --- the log -------------------------------------------------------------------------------------------------------
+
+
+def test_a_new_magnetometer_value_is_as_old_as_the_mean_it_stands_for(flight: Flight) -> None:
+    found = column(flight.messages["RAW_IMU"], "time_usec xmag ymag zmag")
+    new = np.flatnonzero(np.any(np.diff(found[:, 1:], axis=0), axis=1)) + 1
+    t, measured = found[new, 0] * 1e-6, found[new, 1:] + 0.5 * np.sign(found[new, 1:])  # cut toward zero, milligauss
+
+    def spread(age: float) -> float:
+        angles = np.array([np.interp(t - age, flight.truth.time_boot_s, np.unwrap(a)) for a in flight.truth.euler.T]).T
+        turned = np.stack([rotation(each) @ field for each, field in zip(angles, measured, strict=True)])
+        return float(np.sum(np.var(turned, axis=0)))
+
+    ages = np.arange(0.0, 0.1, 0.002)
+    assert ages[np.argmin([spread(age) for age in ages])] == pytest.approx(0.055, abs=0.005)
 
 
 def test_the_log_holds_every_message_at_its_rate(flight: Flight) -> None:

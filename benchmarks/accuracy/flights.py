@@ -1,28 +1,18 @@
-"""Accuracy on recorded flights with truth, as live, with one set of defaults.
+"""Recorded flights with truth: root mean square of the errors, their bars, and error over claimed sigma."""
 
-    MAVKF_FLIGHTS=FOLDER python -m benchmarks accuracy [--json FILE] [--offline] [--set section.key=value]...
-
-One row a flight: root mean square of the errors, their bars, and error over claimed sigma.
-"""
-
-import argparse
-import json
 import math
-import os
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mavkf.config import Config, with_settings
+from benchmarks.accuracy.common import QUANTITIES, Settings, cell, head, row
+from mavkf.config import Config
 from mavkf.replay.export import columns
-from mavkf.replay.run import Options, run
+from mavkf.replay.run import Options
+from mavkf.replay.run import run as replay
 from mavkf.replay.truth import SIGMAS, errors, read_truth
-
-QUANTITIES = ("horizontal_m", "down_m", "tilt_deg", "yaw_deg")
 
 
 @dataclass(frozen=True)
@@ -60,7 +50,7 @@ FLIGHTS = (
 def measure(folder: Path, flight: Flight, config: Config, as_live: bool) -> dict[str, Any]:
     """Errors of one flight, by quantity: rms, error over sigma, coverage."""
     options = Options(as_live=as_live, config=config, vehicle=flight.vehicle)
-    estimate = columns(run(folder / f"{flight.log}.tlog", options).sessions[0].output.poses)
+    estimate = columns(replay(folder / f"{flight.log}.tlog", options).sessions[0].output.poses)
     if flight.leave_out is not None:
         t = estimate["time_boot_s"]
         keep = (t < flight.leave_out[0]) | (t > flight.leave_out[1])
@@ -76,34 +66,14 @@ def measure(folder: Path, flight: Flight, config: Config, as_live: bool) -> dict
     }
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure, print the table, write JSON; exit code 1 where there are no flights."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks accuracy", description=__doc__)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--offline", action="store_true", help="in the order of measurement instead of as live")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
-    options = parser.parse_args(arguments)
-    folder = os.environ.get("MAVKF_FLIGHTS")
-    if not folder:
-        print("MAVKF_FLIGHTS names no folder of recorded flights: nothing to measure", file=sys.stderr)
-        return 1
-    config = with_settings(Config(), options.set)
+def run(settings: Settings) -> list[dict[str, Any]]:
+    """Measure all flights and print their table."""
     results = []
-    print("| flight | horizontal m | down m | tilt deg | yaw deg | error over sigma (the same) |")
-    print("|---|---|---|---|---|---|")
+    head("flights", ("flight", "horizontal m", "down m", "tilt deg", "yaw deg", "error over sigma (the same)"))
     for flight in FLIGHTS:
-        result = measure(Path(folder), flight, config, not options.offline)
+        result = measure(settings.folder, flight, settings.config, settings.as_live)
         results.append(result)
-        cells = [_cell(result["rms"][name], result["bars"][name]) for name in QUANTITIES]
+        cells = [cell(result["rms"][name], result["bars"][name]) for name in QUANTITIES]
         ratios = " / ".join(f"{result['error_over_sigma'].get(name, np.nan):.2f}" for name in QUANTITIES)
-        print(f"| {result['flight']} | {' | '.join(cells)} | {ratios} |", flush=True)
-    print("\nA number in bold is over its bar.")
-    if options.json is not None:
-        options.json.write_text(json.dumps(results, indent=1))
-    return 0
-
-
-def _cell(value: float | None, bar: float) -> str:
-    if value is None:
-        return "not known"
-    return f"{value:.3f}" if value <= bar else f"**{value:.3f}** ({bar:g})"
+        row(result["flight"], *cells, ratios)
+    return results

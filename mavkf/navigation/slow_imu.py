@@ -1,0 +1,158 @@
+"""The telemetry model in the fold: rate and force as states, hand-over from and to the model that integrates the IMU."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models import telemetry
+from mavkf.models.strapdown import BA, BG, DBA, DBG, N
+from mavkf.models.telemetry import DFORCE, DOMEGA, FORCE, OMEGA
+from mavkf.navigation import layout as L
+from mavkf.navigation.fusing import forget, fuse
+from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.navigation.learning import learn
+from mavkf.navigation.propagation import add_noise, decay_colour, set_acceleration
+from mavkf.samples import ACCEL_RESOLUTION, GYRO_RESOLUTION
+
+RATE_TIME, FORCE_TIME = 10.0, 10.0  # s: how long a rate and an acceleration last of themselves
+BANDWIDTH = 40.0  # Hz: twice the low-pass of an autopilot's IMU (20 Hz), by which a noise density becomes a sample's variance
+LEAST_DRIVE, MOST_DRIVE = 0.05, 25.0  # of the learnt density that drives rate and force, against what the samples show
+
+
+@compiled
+def white_part(square, product):
+    """Variance of the white part of a sampled signal: minus the mean product of successive differences, at most half their square."""
+    return min(max(-product, 0.0), 0.5 * square)
+
+
+@compiled
+def sample_variance(s, e, c, k):
+    """Variance of one axis of a sample as a measurement of what lasts: white part, noise density, whole counts; k: 0 gyro, 1 accelerometer."""
+    resolution = e[GYRO_RESOLUTION] if k == 0 else e[ACCEL_RESOLUTION]
+    white = white_part(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
+    return white + c[Parameter.GYRO + k] ** 2 * BANDWIDTH + resolution * resolution / 12.0
+
+
+@compiled
+def enter(s, e, c):
+    """Begin rate and force from the last sample: omega = z - bg, so that its error is minus the bias's and the sample's noise."""
+    if s[L.STATES] < N + 6:
+        widen(s, N + 6)
+    P = L.covariance(s)
+    n = P.shape[0]
+    for k in range(2):
+        state, error = (OMEGA, DOMEGA) if k == 0 else (FORCE, DFORCE)
+        bias, bias_error = (BG, DBG) if k == 0 else (BA, DBA)
+        forget(s, error, 3, 0.0)
+        for i in range(3):
+            s[state + i] = s[L.IMU + 3 * k + i] - s[bias + i]
+            for j in range(n):
+                P[error + i, j] = -P[bias_error + i, j]
+        for i in range(3):
+            for j in range(n):
+                P[j, error + i] = P[error + i, j]
+        for i in range(3):
+            for j in range(3):
+                P[error + i, error + j] = P[bias_error + i, bias_error + j]
+            P[error + i, error + i] += sample_variance(s, e, c, k)
+
+
+@compiled
+def widen(s, n):
+    """Give the covariance n rows; the new ones are zero."""
+    old = L.covariance(s).copy()
+    s[L.STATES] = n
+    P = L.covariance(s)
+    P[:, :] = 0.0
+    for i in range(old.shape[0]):
+        for j in range(old.shape[0]):
+            P[i, j] = old[i, j]
+
+
+@compiled
+def leave(s):
+    """Let rate and force go: what is left is the marginal of the others."""
+    if s[L.STATES] > N + 6:
+        forget(s, DOMEGA, 6, 0.0)
+        return
+    old = L.covariance(s).copy()
+    s[L.STATES] = N
+    P = L.covariance(s)
+    for i in range(N):
+        for j in range(N):
+            P[i, j] = old[i, j]
+
+
+@compiled
+def advance(s, c, t):
+    """Bring the state to time t by the telemetry model."""
+    dt = t - s[L.T]
+    if not dt > 0.0:
+        return
+    x = s[L.X : L.P]
+    P = L.covariance(s)
+    tau = np.array([RATE_TIME, FORCE_TIME])
+    Qc = np.zeros(telemetry.M)
+    Phi = np.empty((telemetry.M, telemetry.M))
+    Qd = np.empty((telemetry.M, telemetry.M))
+    period = max(s[L.PERIOD], 1e-3)
+    for k in range(2):
+        square = max(s[L.DIFFERENCE_GYRO + k], s[L.SQUARE_GYRO + k])
+        white = white_part(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
+        # differences that look white may be a vibration or motion that is over between samples: half of it is believed to be motion
+        unseen = c[Parameter.GYRO + k] ** 2 + s[L.SCALE_IMU] * 0.5 * white * period
+        drive = s[L.SCALE_DRIVE + k] * max(square - 2.0 * white, 1e-2 * square + 1e-9) / period
+        for i in range(3):
+            Qc[3 * k + i] = unseen
+            Qc[telemetry.M_OMEGA + 3 * k + i] = drive
+    telemetry.propagate(x, dt, tau, Qc, Phi, Qd)
+    telemetry.propagate_covariance(P, Phi, Qd)
+    add_noise(s, c, 0.0, 0.0, dt)
+    decay_colour(s, c, dt)
+    s[L.T] = t
+    imu = np.empty(6)
+    for i in range(3):
+        s[L.RATE + i] = s[OMEGA + i]
+        imu[i] = s[OMEGA + i] + s[BG + i]
+        imu[3 + i] = s[FORCE + i] + s[BA + i]
+    set_acceleration(s, imu)
+
+
+@compiled
+def use_sample(s, e, c, out):
+    """Fuse the IMU sample at the state's time as two vectors; one that surprises is believed less, not refused."""
+    n = int(s[L.STATES])
+    P = L.covariance(s)
+    z_hat = np.empty(3)
+    r = np.empty(3)
+    H = np.empty((3, n))
+    R = np.zeros((3, 3))
+    for k in range(2):
+        error = DOMEGA if k == 0 else DFORCE
+        bias = DBG if k == 0 else DBA
+        if k == 0:
+            telemetry.predict_gyro(s[L.X : L.P], z_hat)
+            telemetry.gyro_jacobian(H)
+        else:
+            telemetry.predict_accelerometer(s[L.X : L.P], z_hat)
+            telemetry.accelerometer_jacobian(H)
+        variance = sample_variance(s, e, c, k)
+        share = 0.0
+        nis = 0.0
+        for i in range(3):
+            r[i] = s[L.IMU + 3 * k + i] - z_hat[i]
+            S = P[error + i, error + i] + 2.0 * P[error + i, bias + i] + P[bias + i, bias + i] + variance
+            nis += r[i] * r[i] / S
+            share += P[error + i, error + i] / S / 3.0
+        limit = c[Parameter.LIMIT_3]
+        for i in range(3):
+            R[i, i] = variance
+        if nis > limit:
+            # a motion that begins: the state gives way to it, not the sample
+            for i in range(3):
+                P[error + i, error + i] += r[i] * r[i]
+        fuse(s, e, c, out, Sensor.GYRO if k == 0 else Sensor.ACCELEROMETER, r, H, R, Reason.FUSED)
+        s[L.SCALE_DRIVE + k] = min(max(learn(s[L.SCALE_DRIVE + k], nis, 3, share, LEAST_DRIVE), LEAST_DRIVE), MOST_DRIVE)
+    for i in range(3):
+        s[L.RATE + i] = s[OMEGA + i]
