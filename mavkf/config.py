@@ -127,7 +127,11 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = 0.06
     sampling: Annotated[
         float,
-        Meta(ge=0.0, le=10.0, description="how much of what is missed between two samples is believed: times its theoretical variance"),
+        Meta(
+            ge=0.0,
+            le=10.0,
+            description="how much of what is missed between two samples is believed: times its theoretical variance",
+        ),
     ] = 1.0
     gnss_horizontal_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = (
         2.0

@@ -25,6 +25,7 @@ from mavkf.samples import (
     ARRIVAL,
     FIELD,
     FIX,
+    GNSS_SOURCES,
     GYRO,
     IMU_SOURCES,
     KIND,
@@ -53,17 +54,11 @@ class Output(msgspec.Struct):
 
 
 def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
-    """Which rows (n, ROW_WIDTH) the fold uses: the chosen source of each kind, and heartbeats."""
+    """Which rows (n, ROW_WIDTH) the fold gets: every usable source of each kind, since it decides which to use, and heartbeats."""
     kind, source = rows[:, KIND], rows[:, SOURCE]
-    use = kind == Kind.HEARTBEAT
-    for wanted, chosen in (
-        (Kind.IMU, setup.imu),
-        (Kind.GNSS, setup.gnss),
-        (Kind.MAGNETOMETER, setup.magnetometer),
-        (Kind.BAROMETER, setup.barometer),
-    ):
-        if chosen is not None:
-            use |= (kind == wanted) & (source == chosen)
+    use = np.isin(kind, (Kind.HEARTBEAT, Kind.MAGNETOMETER, Kind.BAROMETER))
+    use |= (kind == Kind.GNSS) & np.isin(source, GNSS_SOURCES)
+    use |= (kind == Kind.IMU) & np.isin(source, setup.imus)
     chosen_rows: NDArray[np.bool_] = use & np.isfinite(rows[:, TIME])
     return chosen_rows
 

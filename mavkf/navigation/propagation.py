@@ -31,6 +31,8 @@ from mavkf.models.strapdown import (
 )
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter
+from mavkf.navigation.receivers import begin_books
+from mavkf.navigation.sources import begin_sources
 from mavkf.navigation.yaw_bank import predict_bank
 from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
 
@@ -52,11 +54,8 @@ def begin(s, c):
         L.T_IMU,
         L.T_FIX,
         L.T_POSITION,
-        L.T_VELOCITY,
         L.T_BAROMETER,
         L.T_GRAVITY,
-        L.T_PREVIOUS_FIX,
-        L.REFUSED_SINCE,
         L.ORIGIN_LATITUDE,
         L.ORIGIN_LONGITUDE,
         L.ORIGIN_HEIGHT,
@@ -72,15 +71,14 @@ def begin(s, c):
     s[L.T_MAGNETOMETER] = -1.0
     s[L.T_REST] = -1.0
     s[L.ARMED] = -1.0
-    s[L.SCALE_VELOCITY] = 1.0
     s[L.SCALE_FIELD] = 1.0
     s[L.SCALE_WALK] = 1.0
     s[L.SCALE_IMU] = 1.0
     s[L.SCALE_DRIVE] = 1.0
     s[L.SCALE_DRIVE + 1] = 1.0
-    for i in range(2):
-        s[L.SCALE_POSITION + i] = 1.0
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
+    begin_sources(s, c)
+    begin_books(s, c)
     s[L.RATE : L.RATE + 3] = np.nan
     P = L.covariance(s)
     for i in range(3):

@@ -168,3 +168,43 @@ def differences(a: Array, b: Array) -> list[int]:
     """Where two states (STATE_SIZE,) differ in any bit; the running numbers and arrival stamps of waiting events left out."""
     which = np.flatnonzero(a.view(np.uint64) != b.view(np.uint64))
     return [int(i) for i in which if i < L.PENDING or (i - L.PENDING) % L.EVENT_WIDTH not in (L.EVENT_ID, ARRIVAL)]
+
+
+def second_receiver(duration: float = 40.0, seed: int = 50, source: Source = Source.GPS2_RAW, **options) -> Array:
+    """Rows of another receiver, with errors of its own, measured 0.07 s after the first one's."""
+    rows = session(duration, seed, **options)
+    rows = rows[rows[:, KIND] == Kind.GNSS]
+    moved = motion(rows[:, TIME] + 0.07 - 0.2 - 100.0, options.get("yaw0", 0.4))
+    there = motion(rows[:, TIME] - 0.2 - 100.0, options.get("yaw0", 0.4))
+    step = moved.p - there.p
+    rows[:, LATITUDE] += step[:, 0] / RADII[0]
+    rows[:, LONGITUDE] += step[:, 1] / RADII[1] / np.cos(ORIGIN[0])
+    rows[:, HEIGHT_AMSL] -= step[:, 2]
+    rows[:, VELOCITY_N : VELOCITY_N + 3] += moved.v - there.v
+    rows[:, TIME] += 0.07
+    rows[:, ARRIVAL] += 0.07e6
+    rows[:, SOURCE] = source
+    return rows
+
+
+def copied(rows: Array, kind: Kind, source: Source, every: int = 1, later: float = 0.001) -> Array:
+    """Every so-manieth row of a kind, once more from another source."""
+    copy = rows[rows[:, KIND] == kind][::every].copy()
+    copy[:, SOURCE] = source
+    copy[:, TIME] += later
+    copy[:, ARRIVAL] += later * 1e6
+    return copy
+
+
+def merged(*parts: Array) -> Array:
+    """Rows of several senders in the order of arrival."""
+    rows = np.concatenate(parts)
+    return rows[np.argsort(rows[:, ARRIVAL], kind="stable")]
+
+
+def without(rows: Array, source: Source, start: float, end: float = np.inf, kind: Kind | None = None) -> Array:
+    """Rows without those of a source (and kind) between two boot times."""
+    gone = (rows[:, SOURCE] == source) & (rows[:, TIME] > start) & (rows[:, TIME] < end)
+    if kind is not None:
+        gone &= rows[:, KIND] == kind
+    return rows[~gone]
