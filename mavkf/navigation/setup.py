@@ -132,6 +132,13 @@ def _choose_imu(
     return best, rates[best]
 
 
+def _imus(source: Source | None, forced: Source | None, broken: set[Source]) -> tuple[Source, ...]:
+    """The IMU messages that may be used: one that is forced stays alone."""
+    if source is None:
+        return ()
+    return (source,) if forced is not None else tuple(other for other in IMU_SOURCES if other not in broken)
+
+
 def _period(rows: NDArray[np.float64], source: Source | None) -> float:
     times = (
         np.unique(rows[(rows[:, KIND] == Kind.IMU) & (rows[:, SOURCE] == source), TIME])
@@ -213,11 +220,7 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
 
     return Setup(
         imu=source,
-        imus=()
-        if source is None
-        else (source,)
-        if imu is not None
-        else tuple(s for s in IMU_SOURCES if s not in broken),
+        imus=_imus(source, imu, broken),
         imu_rate_hz=rate,
         imu_period=_period(rows, source),
         imu_rotation=(math.radians(roll), math.radians(pitch), math.radians(yaw)),

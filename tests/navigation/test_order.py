@@ -126,7 +126,12 @@ def test_sensors_that_change_do_so_alike_however_their_samples_come(seed: int) -
     rows = changing()
     whole = run_offline(rows, CONFIG)
     codes = whole.output.notes[:, L.NOTE_CODE]
-    changes = (NoteCode.RECEIVER_CHANGED, NoteCode.IMU_CHANGED, NoteCode.MAGNETOMETER_CHANGED, NoteCode.BAROMETER_CHANGED)
+    changes = (
+        NoteCode.RECEIVER_CHANGED,
+        NoteCode.IMU_CHANGED,
+        NoteCode.MAGNETOMETER_CHANGED,
+        NoteCode.BAROMETER_CHANGED,
+    )
     assert [int(np.sum(codes == code)) for code in changes] == [2, 2, 1, 1]
     live, expected = run(rows)
     assert live.late == 0
