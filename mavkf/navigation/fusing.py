@@ -65,6 +65,18 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
 
     r: (m,), H: (m, n), R: (m, m); `suspect`: a Reason against it, or Reason.FUSED.
     """
+    return judge_and_correct(s, e, c, out, sensor, r, H, R, R, False, suspect)
+
+
+@compiled
+def fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting):
+    """Judge one vector by R and fuse it with R_lasting: its errors last, so that many together tell less than each alone."""
+    return judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, True, Reason.FUSED)
+
+
+@compiled
+def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
+    """What `fuse` and `fuse_lasting` do; lasts: whether R_lasting is not R."""
     m = r.shape[0]
     P = L.covariance(s)
     PHt = np.empty((P.shape[0], m))
@@ -88,10 +100,14 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
     record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
     if reason != Reason.FUSED:
         return -1.0
+    if lasts:
+        innovation_covariance(P, H, R_lasting, PHt, S)
+        if not invert(S, inverse) > 0.0:
+            return -1.0
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_DELAY else -1
-    correct(P, H, R, PHt, inverse, r, dx, considered)
+    correct(P, H, R_lasting, PHt, inverse, r, dx, considered)
     retract(s[L.X : L.P], dx)
     return nis
 

@@ -52,20 +52,26 @@ DELAYS = {
     PX4: {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.05, "barometer": 0.0},
 }
 NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
+ANTENNA_TOLD, ANTENNA_UNTOLD = 0.05, 0.3  # m: one sigma of where the antenna is, configured or not
 MODELS = {"constant-velocity": L.CONSTANT_VELOCITY, "strapdown": L.STRAPDOWN, "telemetry": L.TELEMETRY}
+UNKNOWN = -1  # of a source
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
 
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """The choices for one session. Sources are None where nothing is known of them; rates are those of the first seconds, Hz.
 
-    imu_period: s, median between the samples of the first seconds; 0: no IMU. model: one of MODELS, to begin with;
+    imu, gnss, magnetometer, barometer: what is used first; imus: the messages that may take its place when it falls silent, with it.
+    imu_period: s, median between the samples of the first seconds; 0: no IMU. imu_rotation: roll, pitch, yaw
+    of the sensor frame in the body, rad. model: one of MODELS, to begin with;
     compare: whether the other of strapdown and telemetry is tried beside it while the IMU is slow.
     """
 
     imu: Source | None
+    imus: tuple[Source, ...]
     imu_rate_hz: float
     imu_period: float
+    imu_rotation: tuple[float, float, float]
     gnss: Source
     magnetometer: Source | None
     barometer: Source | None
@@ -86,7 +92,10 @@ def _rate(times: NDArray[np.float64]) -> float:
     return float((times.size - 1) / (times.max() - times.min()))
 
 
-def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[str]) -> tuple[Source | None, float]:
+def _choose_imu(
+    rows: NDArray[np.float64], forced: Source | None, reasons: list[str], broken: set[Source]
+) -> tuple[Source | None, float]:
+    """The best IMU message and its rate; those whose scale is wrong are added to `broken`."""
     rates: dict[Source, float] = {}
     imu = rows[rows[:, KIND] == Kind.IMU]
     for source in IMU_SOURCES:
@@ -98,6 +107,7 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
         sizes = sizes[np.isfinite(sizes)]
         force = float(np.median(sizes)) / STANDARD_GRAVITY if sizes.size else 0.0
         if source is not forced and not PLAUSIBLE_FORCE[0] < force < PLAUSIBLE_FORCE[1]:
+            broken.add(source)
             reasons.append(
                 f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken"
             )
@@ -120,6 +130,13 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
         + (f", best by rate, resolution and stamp of it and {others}" if others else "")
     )
     return best, rates[best]
+
+
+def _imus(source: Source | None, forced: Source | None, broken: set[Source]) -> tuple[Source, ...]:
+    """The IMU messages that may be used: one that is forced stays alone."""
+    if source is None:
+        return ()
+    return (source,) if forced is not None else tuple(other for other in IMU_SOURCES if other not in broken)
 
 
 def _period(rows: NDArray[np.float64], source: Source | None) -> float:
@@ -189,10 +206,12 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     Raises UsageError where the forced IMU is not there.
     """
     reasons: list[str] = []
-    source, rate = _choose_imu(rows, imu, reasons)
+    broken: set[Source] = set()
+    source, rate = _choose_imu(rows, imu, reasons, broken)
     autopilot = _latest(rows, AUTOPILOT)
     delays = DELAYS.get(autopilot, NO_DELAYS) if autopilot is not None else NO_DELAYS
     vehicle = config.vehicle
+    roll, pitch, yaw = vehicle.imu_rotation_deg
     chosen, compare = _choose_model(source, rate, config, model, reasons)
     magnetometers = ([source] if source is not None else []) + list(IMU_SOURCES)
 
@@ -201,8 +220,10 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
 
     return Setup(
         imu=source,
+        imus=_imus(source, imu, broken),
         imu_rate_hz=rate,
         imu_period=_period(rows, source),
+        imu_rotation=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
         gnss=_choose_gnss(rows),
         # one that starts later comes most likely in these messages
         magnetometer=_first_of(rows, Kind.MAGNETOMETER, magnetometers, source),
@@ -222,6 +243,8 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
 def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
     """The parameter array of the fold."""
     noise, gates = config.noise, config.gates
+    antenna = config.vehicle.gnss_antenna_b_m
+    antenna_sigma = ANTENNA_TOLD if any(antenna) else ANTENNA_UNTOLD
     declination = config.vehicle.magnetic_declination_deg
     values = {
         Parameter.MODEL: MODELS[setup.model],
@@ -253,6 +276,16 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.TRUNCATION: float(setup.autopilot == ARDUPILOT),
         Parameter.REST: float(config.vehicle.use_rest),
         Parameter.USE_MOTION_YAW: float(config.vehicle.use_motion_yaw),
+        Parameter.ANTENNA_X: antenna[0],
+        Parameter.ANTENNA_Y: antenna[1],
+        Parameter.ANTENNA_Z: antenna[2],
+        Parameter.ANTENNA_SIGMA: antenna_sigma if config.vehicle.estimate_antenna else 0.0,
+        Parameter.IMU_SOURCE: float(UNKNOWN if setup.imu is None else setup.imu),
+        Parameter.GNSS_SOURCE: float(setup.gnss),
+        Parameter.FIELD_SOURCE: float(UNKNOWN if setup.magnetometer is None else setup.magnetometer),
+        Parameter.PRESSURE_SOURCE: float(UNKNOWN if setup.barometer is None else setup.barometer),
+        Parameter.USE_GNSS_YAW: float(config.vehicle.use_gnss_yaw),
+        Parameter.GNSS_YAW: math.radians(noise.gnss_yaw_deg),
         Parameter.ACCELERATION: noise.acceleration_m_s2,
         Parameter.ACCELERATION_TIME: noise.acceleration_time_s,
         Parameter.LIMIT_1: limit(gates.false_rejection, 1),

@@ -13,6 +13,7 @@ from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
 from mavkf.navigation.learning import learn
+from mavkf.navigation.sources import changed
 from mavkf.samples import FIELD, TIME
 
 PERIOD = 0.08  # s between updates: the field's error is the same in samples closer together
@@ -34,6 +35,13 @@ def use_magnetometer(s, e, c, out):
     """Fuse a field that has changed; before yaw is known the bearing of the levelled field gives it."""
     if s[L.ALIGNED] == 0.0 or c[Parameter.USE_MAGNETOMETER] == 0.0:
         return
+    if changed(s, e, out, NoteCode.MAGNETOMETER_CHANGED, L.FIELD_USED, s[L.T_FIELD]):
+        # another instrument: what the vehicle does to it is not known
+        for i in range(3):
+            s[IRON + i] = 0.0
+        forget(s, DIRON, 3, c[Parameter.IRON] ** 2)
+        s[L.SCALE_FIELD] = 1.0
+        s[L.FIELD_REFUSED_SINCE] = np.nan
     mx, my, mz = e[FIELD], e[FIELD + 1], e[FIELD + 2]
     k = L.FIELD
     s[L.T_FIELD] = e[TIME]

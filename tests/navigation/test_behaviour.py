@@ -80,7 +80,7 @@ def test_a_wild_fix_is_refused_recorded_and_moves_nothing(rows: Array, batch: Of
 
     assert np.abs(ned(output.poses) - ned(run(rows)[1].poses)).max() < 0.5
     assert not notes(output, NoteCode.POSITION_RESET).size
-    assert estimator.state[L.REFUSED_COUNT] == 0.0
+    assert estimator.state[L.BOOKS + L.F_REFUSED_COUNT] == 0.0
 
 
 @pytest.mark.parametrize("jump", [60.0, 400.0])

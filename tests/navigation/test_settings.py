@@ -8,7 +8,7 @@ import pytest
 
 from mavkf.config import Config, settings, with_settings
 from mavkf.navigation.estimator import SessionEstimator, run_offline
-from mavkf.samples import GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
+from mavkf.samples import GNSS_YAW, GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
 
 from ._session import RADII, run, session
 
@@ -19,9 +19,13 @@ OTHER: dict[str, Any] = {
     "vehicle.magnetometer_delay_s": 0.02,
     "vehicle.barometer_delay_s": 0.03,
     "vehicle.magnetic_declination_deg": 5.0,
+    "vehicle.imu_rotation_deg": [180.0, 0.0, 0.0],
+    "vehicle.gnss_antenna_b_m": [0.3, 0.0, -0.1],
+    "vehicle.estimate_antenna": "true",
     "vehicle.use_magnetometer": "false",
     "vehicle.use_barometer": "false",
     "vehicle.use_rest": "false",
+    "vehicle.use_gnss_yaw": "false",
     "vehicle.use_motion_yaw": "false",
     "gates.reset_s": 3.0,
     "gates.gap_s": 1.5,
@@ -42,6 +46,7 @@ def flight() -> np.ndarray:
     rows[(rows[:, KIND] == Kind.GNSS) & (np.arange(rows.shape[0]) % 8 == 1), SIGMA_HORIZONTAL] = 0.1
     rows[(rows[:, KIND] == Kind.IMU) & (t < 101.5), GYRO] += 0.1
     rows[(rows[:, KIND] == Kind.GNSS) & (t > 118.0), LATITUDE] += 60.0 / RADII[0]
+    rows[(rows[:, KIND] == Kind.GNSS) & (t > 115.0), GNSS_YAW] = 0.4
     return rows[~drop]
 
 
@@ -61,7 +66,7 @@ def test_the_same_settings_give_the_same_outcome() -> None:
 
 @pytest.mark.parametrize(("name", "default"), NAMES, ids=[name for name, _ in NAMES])
 def test_every_setting_changes_something(name: str, default: Any) -> None:
-    value = OTHER.get(name, None if default is None else 1.5 * default)
+    value = OTHER[name] if name in OTHER else 1.5 * default
     changed = outcome(with_settings(Config(), [f"{name}={value}"])) != default_outcome()
     assert changed
 
