@@ -73,7 +73,7 @@ def test_shuffled_within_the_set_up_equals_its_own_batch(rows: Array, batch: Off
     assert estimator.late == 0
     assert differences(estimator.state, own.state) == []
     assert own.setup.imu is batch.setup.imu
-    assert own.setup.strapdown == batch.setup.strapdown
+    assert own.setup.model == batch.setup.model
     assert own.parameters.tobytes() == batch.parameters.tobytes()
     assert differences(own.state, batch.state) == []
 
