@@ -52,7 +52,9 @@ def test_a_flight_on_which_the_model_changes_over_is_the_same_in_every_order(see
     assert SLOW[1] < changes[2, L.NOTE_END] < SLOW[1] + 5.0
     random = np.random.default_rng(seed)
     late = rows.copy()
-    late[:, ARRIVAL] = 1e6 * (rows[:, TIME] + random.uniform(0.0, 1.5, rows.shape[0]) * (rows[:, TIME] > 107.0))
+    late[:, ARRIVAL] = rows[:, ARRIVAL].min() + 1e6 * (
+        rows[:, TIME] - rows[0, TIME] + random.uniform(0.0, 1.5, rows.shape[0]) * (rows[:, TIME] > 107.0)
+    )
     late = late[np.argsort(late[:, ARRIVAL], kind="stable")]
     for arrived in (rows, late):
         estimator, output = run(arrived, config=EAGER)
