@@ -1,6 +1,7 @@
 """Judging and fusing one measurement, and the record that it leaves either way.
 
-`out` holds the output buffers: innovation rows, note rows, their two counts and whether to keep silent, the time of the last note of each code, and the numbers of
+`out` holds the output buffers: innovation rows, note rows, their two counts and whether to keep silent, the time of the last note of
+each code, and the numbers of
 the events on record: an event that is folded again after a late one does not tell its story twice.
 """
 
@@ -15,7 +16,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter, Reason, Sensor
 from mavkf.samples import SOURCE
 
-SLOWEST_FOR_DELAY = 0.05  # s between IMU samples, above which the GNSS delay is not learnt
+SLOWEST_FOR_LEARNING = 0.05  # s between IMU samples, above which its own errors look like a delay or a wander of GNSS
 
 
 @compiled
@@ -106,7 +107,7 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
             return -1.0
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
-    considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_DELAY else -1
+    considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
     correct(P, H, R_lasting, PHt, inverse, r, dx, considered)
     retract(s[L.X : L.P], dx)
     return nis

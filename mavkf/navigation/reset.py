@@ -18,6 +18,7 @@ from mavkf.samples import LATITUDE as FIX_LATITUDE
 from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 FIXES_TO_START = 3
+UNKNOWN_SPEED = 30.0  # m/s: of a vehicle whose receiver tells no velocity
 PATIENCE_WITH_ITSELF = 2.0  # s of fixes refused with their velocities, after which the state is reset to them
 TILT_AFTER_SHOCK = 0.1  # rad: one sigma that such a filter's attitude is off besides
 
@@ -71,7 +72,8 @@ def agrees(latitude, longitude, height, vn, ve, dt, e, c):
     mean_e = 0.5 * (ve + e[VELOCITY_E]) if math.isfinite(e[VELOCITY_E]) else 0.0
     sigma = claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
     # of the difference of two fixes, each off by one sigma on each axis: beyond this once in a hundred thousand
-    tolerance = 5.0 * math.sqrt(2.0) * sigma + 0.5 * c[Parameter.ACCELERATION] * dt * dt + 2.0 * dt
+    speed = 2.0 if math.isfinite(e[VELOCITY_N]) else UNKNOWN_SPEED
+    tolerance = 5.0 * math.sqrt(2.0) * sigma + 0.5 * c[Parameter.ACCELERATION] * dt * dt + speed * dt
     return math.hypot(d[0] - mean_n * dt, d[1] - mean_e * dt) <= tolerance and abs(d[2]) <= 3.0 * tolerance + 10.0 * dt
 
 

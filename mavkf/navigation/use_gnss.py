@@ -21,7 +21,7 @@ from mavkf.models.strapdown import (
 )
 from mavkf.navigation import layout as L
 from mavkf.navigation.antenna import mounting
-from mavkf.navigation.fusing import forget, fuse, fuse_lasting, note
+from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING, forget, fuse, fuse_lasting, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
 from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour, learn_colour_time, learn_walk
 from mavkf.navigation.receivers import (
@@ -59,6 +59,7 @@ from mavkf.samples import LATITUDE as FIX_LATITUDE
 from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 FIX_3D = 3
+SPEED_TIME = 5.0  # s
 ACCELERATION_LASTS = 1.0  # s
 LEAST_COLOUR_SCALE = 1.0  # of what a fix's claim allows
 
@@ -85,13 +86,15 @@ def use_gnss(s, e, c, out):
     if not math.isfinite(s[L.DECLINATION]):
         set_field(s, e, c)
     use_gnss_yaw(s, e, c, out)
+    if main:
+        follow_speed(s, e, b)
     if s[L.POSITION_KNOWN] == 0.0:
         if main:
             start_position(s, e, c, out, b)
     elif main:
         fuse_position(s, e, c, out, b)
         fuse_velocity(s, e, c, out, b)
-        use_bank(s, e, c, out)
+        use_bank(s, e, c, out, b)
     elif same_fix(s, e):
         s[L.DUPLICATES] += 1.0
     else:
@@ -100,6 +103,16 @@ def use_gnss(s, e, c, out):
     k = b + L.F_FIX
     s[k], s[k + 1], s[k + 2] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL]
     s[k + 3], s[k + 4] = e[VELOCITY_N], e[VELOCITY_E]
+
+
+@compiled
+def follow_speed(s, e, b):
+    """Keep the mean of the last seconds' velocity: a boat that drifts is still for its IMU, and moves all the same."""
+    dt = e[TIME] - s[b + L.F_T_BEFORE]
+    weight = 1.0 - math.exp(-dt / SPEED_TIME) if math.isfinite(dt) else 1.0
+    for i in range(2):
+        v = e[VELOCITY_N + i]
+        s[L.GNSS_SPEED + i] += weight * ((v if math.isfinite(v) else 0.0) - s[L.GNSS_SPEED + i])
 
 
 @compiled
@@ -170,11 +183,12 @@ def fuse_position(s, e, c, out, b):
     horizontal = 0.5 * (r[0] * r[0] / S[0] + r[1] * r[1] / S[1])
     s[k] = learn(s[k], horizontal, 1, R[0, 0] / S[0], LEAST_SCALE)
     s[k + 1] = learn(s[k + 1], r[2] * r[2] / S[2], 1, R[2, 2] / S[2], LEAST_SCALE)
-    since = min(e[TIME] - s[b + L.F_T_BEFORE], 2.0) if math.isfinite(s[b + L.F_T_BEFORE]) else 0.0
-    learn_colour_time(s, c, horizontal, 0.5 * (S[0] + S[1]), 0, since)
-    learn_colour_time(s, c, r[2] * r[2] / S[2], S[2], 1, since)
-    learn_colour(s, r, S, 0, 0, 2)
-    learn_colour(s, r, S, 1, 2, 1)
+    if s[L.PERIOD] <= SLOWEST_FOR_LEARNING:
+        since = min(e[TIME] - s[b + L.F_T_BEFORE], 2.0) if math.isfinite(s[b + L.F_T_BEFORE]) else 0.0
+        learn_colour_time(s, c, horizontal, 0.5 * (S[0] + S[1]), 0, since)
+        learn_colour_time(s, c, r[2] * r[2] / S[2], S[2], 1, since)
+        learn_colour(s, r, S, 0, 0, 2)
+        learn_colour(s, r, S, 1, 2, 1)
 
 
 @compiled
