@@ -54,10 +54,12 @@ def choose_model(s, e, c, out):
         return
     if s[L.MODEL] == L.TELEMETRY:
         leave(s)
+    told = model == L.CONSTANT_VELOCITY or s[L.MODEL] == L.CONSTANT_VELOCITY
     s[L.MODEL] = model
     if model == L.TELEMETRY:
         enter(s, e, c)
-    note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, model, 0.0)
+    if told:
+        note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, model, 0.0)
 
 
 @compiled
@@ -238,7 +240,8 @@ def fold(s, e, c, out):
 def fold_one(s, e, c, out):
     """Take one event (EVENT_WIDTH,) into one half of the state (HALF,), in place.
 
-    c: parameters; out: innovation rows, note rows, their two counts and whether to keep silent (int64), the times of the last notes, the events on record.
+    c: parameters; out: innovation rows, note rows, their two counts and whether to keep
+    silent (int64), the times of the last notes, the events on record.
     Events must come in the order of `timeline.precedes`. Nothing is raised: what cannot be used is refused and recorded.
     """
     kind = int(e[KIND])
@@ -256,8 +259,8 @@ def fold_one(s, e, c, out):
                 return
             code = NoteCode.ARMED if armed != 0.0 else NoteCode.DISARMED
             note(out, code, e[TIME], e[TIME], 0.0, 0.0, 0.0)
-    elif (kind == MAGNETOMETER_KIND and not in_use(s, e, L.FIELD_SOURCE, L.FIELD_LAST)) or (
-        kind == BAROMETER_KIND and not in_use(s, e, L.PRESSURE_SOURCE, L.PRESSURE_LAST)
+    elif (kind == MAGNETOMETER_KIND and not in_use(s, e, L.FIELD_SOURCE, L.FIELD_LAST, L.FIELD_STANDBY)) or (
+        kind == BAROMETER_KIND and not in_use(s, e, L.PRESSURE_SOURCE, L.PRESSURE_LAST, L.PRESSURE_STANDBY)
     ):
         return
     else:

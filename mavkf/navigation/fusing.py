@@ -1,8 +1,7 @@
 """Judging and fusing one measurement, and the record that it leaves either way.
 
 `out` holds the output buffers: innovation rows, note rows, their two counts and whether to keep silent, the time of the last note of
-each code, and the numbers of
-the events on record: an event that is folded again after a late one does not tell its story twice.
+each code, and the numbers of the events on record: an event that is folded again after a late one does not tell its story twice.
 """
 
 import math

@@ -85,12 +85,14 @@ _book = P + STATES_MOST * STATES_MOST
     IMU_SOURCE,  # of the IMU in use
     FIELD_SOURCE,  # of the magnetometer in use
     FIELD_LAST,  # when it was heard last, NaN: never
+    FIELD_STANDBY,  # values of another in a row since then
     FIELD_USED,  # source of the last field that was taken, -1: none
     PRESSURE_SOURCE,
     PRESSURE_LAST,
+    PRESSURE_STANDBY,
     PRESSURE_USED,
-) = range(_book, _book + 67)
-IMU = _book + 67  # last sample: omega_b, f_b
+) = range(_book, _book + 69)
+IMU = _book + 69  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares

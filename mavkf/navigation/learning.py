@@ -44,7 +44,7 @@ def learn_colour_time(s, c, nis, S, axis, dt):
 
 @compiled
 def learn_walk(s, r, variance):
-    """Let the gyro bias move faster while successive velocity innovations (2,) of this variance agree: something turns that it does not know.
+    """Let the gyro bias move faster while successive velocity innovations (2,) of this variance agree: something turns unseen.
 
     A gyro's bias may step (shock, temperature), and a slow sampling of a vibration shows a constant that is not there.
     """

@@ -28,7 +28,7 @@ def white_part(square, product):
 
 @compiled
 def sample_variance(s, e, c, k):
-    """Variance of one axis of a sample as a measurement of what lasts: white part, noise density, whole counts; k: 0 gyro, 1 accelerometer."""
+    """Variance of an axis of a sample, as a measurement of what lasts: white part, density, counts; k: 0 gyro, 1 accelerometer."""
     resolution = e[GYRO_RESOLUTION] if k == 0 else e[ACCEL_RESOLUTION]
     white = white_part(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
     return white + c[Parameter.GYRO + k] ** 2 * BANDWIDTH + resolution * resolution / 12.0

@@ -16,7 +16,7 @@ from mavkf.navigation.layout import NoteCode, Parameter
 from mavkf.samples import ACCEL, SOURCE, TIME
 
 SILENT = 2.0  # s without a value, after which another magnetometer or barometer is taken
-CONFIRMATIONS = 3.0  # samples in a row of another IMU that show a plausible force
+CONFIRMATIONS = 3.0  # samples of another in a row; of an IMU, that show a plausible force
 LEAST_FORCE, MOST_FORCE = 0.4, 2.5  # times gravity
 
 
@@ -33,16 +33,22 @@ def begin_sources(s, c):
 
 
 @compiled
-def in_use(s, e, source, last):
-    """Whether a field or pressure is of the sensor in use. source, last: where that is kept, and when it was heard last."""
+def in_use(s, e, source, last, standby):
+    """Whether a field or pressure is of the sensor in use. source, last: where that is kept, and when it was heard last.
+
+    One that is silent while others speak gives way; a link that is silent says nothing of it. standby: where those are counted.
+    """
     if e[SOURCE] == s[source]:
         s[last] = e[TIME]
+        s[standby] = 0.0
         return True
+    s[standby] += 1.0
     if not math.isfinite(s[last]):
         # the chosen one has as long to begin
         s[last] = e[TIME]
-    if not e[TIME] - s[last] > SILENT:
+    if not e[TIME] - s[last] > SILENT or s[standby] < CONFIRMATIONS:
         return False
+    s[standby] = 0.0
     s[source] = e[SOURCE]
     s[last] = e[TIME]
     return True

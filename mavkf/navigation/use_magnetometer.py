@@ -27,6 +27,7 @@ TURN = 1.0  # s: how long a turn lasts
 HELD = 0.1  # s: what a slow link shows has been held for up to a period of the sensor; ArduPilot reads it at 10 Hz
 LEAST_FIELD_SCALE = 0.7  # a disturbance that lingers is not seen in the innovations, so the noise is only learnt upward
 RELEARN_AFTER = 5.0  # s of refusals, after which the vehicle's own field is taken to have changed
+SLOW = 0.2  # s between IMU samples: with a slower one it is the heading that is lost when the field disagrees
 RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
 
 
@@ -96,12 +97,16 @@ def use_magnetometer(s, e, c, out):
     elif not math.isfinite(s[L.FIELD_REFUSED_SINCE]):
         s[L.FIELD_REFUSED_SINCE] = s[L.T]
     elif s[L.T] - s[L.FIELD_REFUSED_SINCE] > RELEARN_AFTER and not disturbed:
+        since_when = s[L.FIELD_REFUSED_SINCE]
+        s[L.FIELD_REFUSED_SINCE] = np.nan
+        if s[L.PERIOD] > SLOW:
+            first_heading(s, C, mx - x[IRON], my - x[IRON + 1], mz - x[IRON + 2], out)
+            return
         size = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-        note(out, NoteCode.MAGNETOMETER_RELEARNT, s[L.FIELD_REFUSED_SINCE], s[L.T], size, 0.0, 0.0)
+        note(out, NoteCode.MAGNETOMETER_RELEARNT, since_when, s[L.T], size, 0.0, 0.0)
         for i in range(3):
             x[IRON + i] += r[i]
             forget(s, DIRON + i, 1, RELEARN**2)
-        s[L.FIELD_REFUSED_SINCE] = np.nan
 
 
 @compiled
