@@ -54,11 +54,16 @@ class Output(msgspec.Struct):
 
 
 def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
-    """Which rows (n, ROW_WIDTH) the fold gets: every usable source of each kind, since it decides which to use, and heartbeats."""
+    """Which rows (n, ROW_WIDTH) the fold gets: what is used or may have to be, all receivers, and heartbeats."""
     kind, source = rows[:, KIND], rows[:, SOURCE]
-    use = np.isin(kind, (Kind.HEARTBEAT, Kind.MAGNETOMETER, Kind.BAROMETER))
-    use |= (kind == Kind.GNSS) & np.isin(source, GNSS_SOURCES)
-    use |= (kind == Kind.IMU) & np.isin(source, setup.imus)
+    use = kind == Kind.HEARTBEAT
+    for wanted, sources in (
+        (Kind.GNSS, GNSS_SOURCES),
+        (Kind.IMU, setup.imus),
+        (Kind.MAGNETOMETER, setup.magnetometers),
+        (Kind.BAROMETER, setup.barometers),
+    ):
+        use |= (kind == wanted) & np.isin(source, sources)
     chosen_rows: NDArray[np.bool_] = use & np.isfinite(rows[:, TIME])
     return chosen_rows
 

@@ -122,6 +122,7 @@ def become_main(s, c, out, source, since):
     s[L.MAIN] = source
     for i in range(2):
         s[L.COLOUR + i] = 0.0
+        s[L.COLOUR_TIME + i] = c[Parameter.COLOUR_TIME]
         s[L.LAST_VELOCITY + i] = 0.0
     for i in range(3):
         s[L.LAST_INNOVATION + i] = 0.0

@@ -13,6 +13,7 @@ from mavkf.filters.chi_square import limit
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import PARAMETERS, Parameter
+from mavkf.navigation.reserves import BAROMETER_SOURCES, imus_with_reserve, with_reserve
 from mavkf.samples import (
     ACCEL,
     AUTOPILOT,
@@ -37,13 +38,6 @@ IMU_QUALITY = {
     Source.SCALED_IMU2: 0.7,
     Source.SCALED_IMU3: 0.6,
 }
-BAROMETER_ORDER = (
-    Source.SCALED_PRESSURE,
-    Source.HIGHRES_IMU,
-    Source.HIL_SENSOR,
-    Source.SCALED_PRESSURE2,
-    Source.SCALED_PRESSURE3,
-)
 # Delays of ArduPilot, s. GNSS: a fix is stamped at reception (AP_GPS), measured on its simulator and near u-blox's; IMU: two-pole
 # low-pass at 20 Hz (INS_ACCEL_FILTER, INS_GYRO_FILTER); magnetometer and barometer: sampled slower than sent, and held.
 DELAYS = {
@@ -61,7 +55,8 @@ PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerome
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """The choices for one session. Sources are None where nothing is known of them; rates are those of the first seconds, Hz.
 
-    imu, gnss, magnetometer, barometer: what is used first; imus: the messages that may take its place when it falls silent, with it.
+    imu, gnss, magnetometer, barometer: what is used first; imus, magnetometers, barometers: what the fold gets, since it
+    may have to take another when that falls silent.
     imu_period: s, median between the samples of the first seconds; 0: no IMU. imu_rotation: roll, pitch, yaw
     of the sensor frame in the body, rad. model: one of MODELS, to begin with;
     compare: whether the other of strapdown and telemetry is tried beside it while the IMU is slow.
@@ -74,7 +69,9 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     imu_rotation: tuple[float, float, float]
     gnss: Source
     magnetometer: Source | None
+    magnetometers: tuple[Source, ...]
     barometer: Source | None
+    barometers: tuple[Source, ...]
     autopilot: int | None
     vehicle_type: int | None
     gnss_delay: float
@@ -130,13 +127,6 @@ def _choose_imu(
         + (f", best by rate, resolution and stamp of it and {others}" if others else "")
     )
     return best, rates[best]
-
-
-def _imus(source: Source | None, forced: Source | None, broken: set[Source]) -> tuple[Source, ...]:
-    """The IMU messages that may be used: one that is forced stays alone."""
-    if source is None:
-        return ()
-    return (source,) if forced is not None else tuple(other for other in IMU_SOURCES if other not in broken)
 
 
 def _period(rows: NDArray[np.float64], source: Source | None) -> float:
@@ -213,21 +203,26 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     vehicle = config.vehicle
     roll, pitch, yaw = vehicle.imu_rotation_deg
     chosen, compare = _choose_model(source, rate, config, model, reasons)
-    magnetometers = ([source] if source is not None else []) + list(IMU_SOURCES)
+    usable = {message: quality for message, quality in IMU_QUALITY.items() if message not in broken}
+    # one that starts later comes most likely in these messages
+    order = ([source] if source is not None else []) + list(IMU_SOURCES)
+    magnetometer = _first_of(rows, Kind.MAGNETOMETER, order, source)
+    barometer = _first_of(rows, Kind.BAROMETER, BAROMETER_SOURCES, Source.SCALED_PRESSURE)
 
     def delay(configured: float | None, name: str) -> float:
         return delays[name] if configured is None else configured
 
     return Setup(
         imu=source,
-        imus=_imus(source, imu, broken),
+        imus=imus_with_reserve(rows, source, imu is not None, usable),
         imu_rate_hz=rate,
         imu_period=_period(rows, source),
         imu_rotation=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
         gnss=_choose_gnss(rows),
-        # one that starts later comes most likely in these messages
-        magnetometer=_first_of(rows, Kind.MAGNETOMETER, magnetometers, source),
-        barometer=_first_of(rows, Kind.BAROMETER, BAROMETER_ORDER, Source.SCALED_PRESSURE),
+        magnetometer=magnetometer,
+        magnetometers=with_reserve(rows, Kind.MAGNETOMETER, magnetometer, IMU_SOURCES),
+        barometer=barometer,
+        barometers=with_reserve(rows, Kind.BAROMETER, barometer, BAROMETER_SOURCES),
         autopilot=autopilot,
         vehicle_type=_latest(rows, VEHICLE_TYPE),
         gnss_delay=delay(vehicle.gnss_delay_s, "gnss"),

@@ -27,6 +27,7 @@ def use_barometer(s, e, c, out):
         return
     if changed(s, e, out, NoteCode.BAROMETER_CHANGED, L.PRESSURE_USED, s[L.T_BAROMETER]):
         s[L.BAROMETER_KNOWN] = 0.0
+        s[L.SCALE_BARO] = 1.0
     x = s[L.X : L.P]
     P = L.covariance(s)
     height = barometer.pressure_height(e[PRESSURE])
