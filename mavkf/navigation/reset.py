@@ -13,14 +13,30 @@ from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.layout import NoteCode, Parameter
 from mavkf.navigation.receivers import become_main, claimed, other_in_agreement, set_colour, white_variance
 from mavkf.samples import FIX as FIX_TYPE
-from mavkf.samples import HEIGHT_AMSL, SIGMA_HORIZONTAL, VELOCITY_D, VELOCITY_E, VELOCITY_N
+from mavkf.samples import HEIGHT_AMSL, SIGMA_HORIZONTAL, TIME, VELOCITY_D, VELOCITY_E, VELOCITY_N
 from mavkf.samples import LATITUDE as FIX_LATITUDE
 from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 FIXES_TO_START = 3
+LONGEST_WAY = 3.0  # s between two fixes, of which the way is taken for a velocity
 UNKNOWN_SPEED = 30.0  # m/s: of a vehicle whose receiver tells no velocity
 PATIENCE_WITH_ITSELF = 2.0  # s of fixes refused with their velocities, after which the state is reset to them
 TILT_AFTER_SHOCK = 0.1  # rad: one sigma that such a filter's attitude is off besides
+
+
+@compiled
+def speed_of_way(s, e, c, b, v):
+    """Fill v (3,) with the mean velocity since the receiver's last fix, of which its book b tells; returns one sigma (m/s) of an axis."""
+    dt = e[TIME] - s[b + L.F_T_BEFORE]
+    if not 0.0 < dt < LONGEST_WAY:
+        return UNKNOWN_SPEED / 3.0
+    k = b + L.F_FIX
+    offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[k], s[k + 1], s[k + 2], v)
+    for i in range(3):
+        v[i] /= dt
+    # it was so half way back
+    lag = 0.5 * dt * c[Parameter.ACCELERATION]
+    return math.sqrt(2.0 * white_variance(s, e, c, b, False) / (dt * dt) + lag * lag)
 
 
 @compiled
@@ -49,12 +65,14 @@ def set_position(s, c, e, b):
         x[GNSS + i] = 0.0
     carry_lever(s, C, w)
     known = math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])
-    x[V] = e[VELOCITY_N] - speed[0] if known else 0.0
-    x[V + 1] = e[VELOCITY_E] - speed[1] if known else 0.0
-    x[V + 2] = e[VELOCITY_D] - speed[2] if math.isfinite(e[VELOCITY_D]) else 0.0
+    way = np.zeros(3)
     # one second of the vehicle's usual acceleration covers a course that lags
+    sigma = 1.0 if known else speed_of_way(s, e, c, b, way)
+    x[V] = e[VELOCITY_N] - speed[0] if known else way[0]
+    x[V + 1] = e[VELOCITY_E] - speed[1] if known else way[1]
+    x[V + 2] = e[VELOCITY_D] - speed[2] if math.isfinite(e[VELOCITY_D]) else 0.0
     for i in range(3):
-        forget(s, VEL + i, 1, (1.0 if known else 10.0) ** 2)
+        forget(s, VEL + i, 1, sigma * sigma)
     P[VEL + 2, VEL + 2] = 1.0 if math.isfinite(e[VELOCITY_D]) else 4.0
     s[L.BAROMETER_KNOWN] = 0.0
     s[L.T_POSITION] = s[L.T]
