@@ -79,6 +79,10 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         bool,
         Meta(description="whether yaw may be found from GNSS velocity and acceleration where no magnetometer gives it"),
     ] = True
+    use_class: Annotated[
+        bool,
+        Meta(description="whether what the vehicle's class (HEARTBEAT.type) cannot do is used: the wheels of a rover do not slip"),
+    ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
 

@@ -30,6 +30,7 @@ from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
 from mavkf.navigation.propagation import coast, set_acceleration, step, untruncated, watch_samples
 from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
+from mavkf.navigation.use_class import use_airspeed, use_class
 from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
 from mavkf.navigation.use_magnetometer import use_magnetometer
@@ -105,6 +106,7 @@ def measure(s, e, c, out):
     elif kind == MAGNETOMETER_KIND:
         use_magnetometer(s, e, c, out)
     elif kind == BAROMETER_KIND:
+        use_airspeed(s, e, c, out)
         use_barometer(s, e, c, out)
 
 
@@ -154,6 +156,7 @@ def use_imu(s, e, c, out):
         level(s, e, c, out)
     if s[L.ALIGNED] != 0.0 and c[Parameter.REST] != 0.0:
         rest(s, e, c, out, gyro, accel)
+    use_class(s, e, c, out)
     watch_position(s, out)
     choose_model(s, e, c, out)
 

@@ -91,7 +91,7 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_DELAY else -1
-    correct(P, H, R, PHt, inverse, r, dx, considered)
+    correct(P, H, R, PHt, inverse, r, dx, considered, int(s[L.CORRECT_FROM]))
     retract(s[L.X : L.P], dx)
     return nis
 

@@ -30,6 +30,7 @@ from mavkf.models.strapdown import (
 )
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter
+from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
 from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
 
@@ -90,6 +91,7 @@ def begin(s, c):
         P[DFIELD + i, DFIELD + i] = c[Parameter.EARTH_FIELD] ** 2
     P[DBARO, DBARO] = 1.0
     P[DDELAY, DDELAY] = c[Parameter.DELAY] ** 2
+    begin_class(s, c)
 
 
 @compiled
