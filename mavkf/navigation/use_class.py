@@ -1,8 +1,8 @@
 """What is known of the vehicle's class in the fold: wheels do not slip, rotors drag, wings fly nose first.
 
 The error of such knowledge lasts: a car that slips does so for a bend, a gust for seconds. A sequence of errors of variance sigma^2 with
-correlation phi from one to the next holds as much information as independent ones of variance sigma^2 (1 + phi) / (1 - phi), so that is
-what is told to the filter.
+correlation phi from one to the next holds as much information as independent ones of variance sigma^2 (1 + phi) / (1 - phi): it is judged
+by the first and fused with the second.
 """
 
 import math
@@ -16,8 +16,8 @@ from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import HEIGHT, Q, V
 from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
 from mavkf.navigation import layout as L
-from mavkf.navigation.fusing import fuse
-from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.navigation.fusing import fuse_lasting
+from mavkf.navigation.layout import Parameter, Sensor
 from mavkf.navigation.learning import learn
 from mavkf.samples import DIFFERENTIAL_PRESSURE, PRESSURE
 
@@ -151,7 +151,7 @@ def teach_wind(s, k, r, variance):
 
 
 @compiled
-def fuse_air(s, e, c, out, sensor, r, H, R):
+def fuse_air(s, e, c, out, sensor, r, H, R, R_lasting):
     """Fuse what the air says: into wind and drag alone until the wind is known, and while GNSS and a fast IMU know the motion better.
 
     Else into everything. What is not corrected counts with its uncertainty, so that all stays ready for an outage.
@@ -161,7 +161,7 @@ def fuse_air(s, e, c, out, sensor, r, H, R):
         s[L.AIR_KNOWN] = 1.0
     if s[L.OUTAGE] == 0.0 and (s[L.AIR_KNOWN] == 0.0 or s[L.PERIOD] < SLOW):
         s[L.CORRECT_FROM] = DCLASS
-    fuse(s, e, c, out, sensor, r, H, R, Reason.FUSED)
+    fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting)
     s[L.CORRECT_FROM] = 0.0
 
 
@@ -172,6 +172,7 @@ def use_wheels(s, e, c, out, C, dt):
     h = np.empty(2)
     H = np.empty((2, int(s[L.STATES])))
     R = np.zeros((2, 2))
+    R_lasting = np.zeros((2, 2))
     omega = s[L.RATE : L.RATE + 3]
     model.predict_slip(x, C, omega, h)
     model.slip_jacobian(x, C, omega, H)
@@ -184,9 +185,10 @@ def use_wheels(s, e, c, out, C, dt):
         slip = TYRE * a / STANDARD_GRAVITY * speed
         rough = ROUGH if i == 0 else ROUGH_VERTICAL
         white = rough * rough + (FLEX * speed) ** 2
-        R[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
-        teach(s, i, r[i], H, i, s[L.SCALE_CLASS + i] * (white + slip * slip), LEAST_ROVER_SCALE)
-    fuse(s, e, c, out, Sensor.WHEELS, r, H, R, Reason.FUSED)
+        R[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip)
+        R_lasting[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
+        teach(s, i, r[i], H, i, R[i, i], LEAST_ROVER_SCALE)
+    fuse_lasting(s, e, c, out, Sensor.WHEELS, r, H, R, R_lasting)
 
 
 @compiled
@@ -198,6 +200,7 @@ def use_drag(s, e, c, out, C, dt):
     h = np.empty(2)
     H = np.empty((2, int(s[L.STATES])))
     R = np.zeros((2, 2))
+    R_lasting = np.zeros((2, 2))
     is_state = s[L.MODEL] == L.TELEMETRY
     model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
     model.specific_force(x, s[L.MEAN_FORCE : L.MEAN_FORCE + 3], is_state, f)
@@ -218,10 +221,11 @@ def use_drag(s, e, c, out, C, dt):
     r = np.empty(2)
     for i in range(2):
         r[i] = -h[i]
-        R[i, i] = k * k * (gust + misfit * inflation(dt, MISFIT_TIME)) + white
+        R[i, i] = k * k * (gust + misfit) + white
+        R_lasting[i, i] = k * k * (gust + misfit * inflation(dt, MISFIT_TIME)) + white
     for i in range(2):
-        teach_wind(s, i, r[i], teach(s, 0, r[i], H, i, k * k * (gust + misfit) + white, LEAST_AIR_SCALE))
-    fuse_air(s, e, c, out, Sensor.DRAG, r, H, R)
+        teach_wind(s, i, r[i], teach(s, 0, r[i], H, i, R[i, i], LEAST_AIR_SCALE))
+    fuse_air(s, e, c, out, Sensor.DRAG, r, H, R, R_lasting)
 
 
 @compiled
@@ -246,7 +250,7 @@ def use_sideslip(s, e, c, out, C, dt):
     gust = s[L.SCALE_CLASS] * GUST**2
     R[0, 0] = gust
     teach_wind(s, 0, r[0], teach(s, 0, r[0], H, 0, gust, LEAST_AIR_SCALE))
-    fuse_air(s, e, c, out, Sensor.SIDESLIP, r, H, R)
+    fuse_air(s, e, c, out, Sensor.SIDESLIP, r, H, R, R)
 
 
 @compiled
@@ -275,4 +279,4 @@ def use_airspeed(s, e, c, out):
     gust = s[L.SCALE_CLASS + 1] * GUST_ALONG**2
     R[0, 0] = gust
     teach_wind(s, 1, r[0], teach(s, 1, r[0], H, 0, gust, LEAST_AIR_SCALE))
-    fuse_air(s, e, c, out, Sensor.AIRSPEED, r, H, R)
+    fuse_air(s, e, c, out, Sensor.AIRSPEED, r, H, R, R)
