@@ -103,6 +103,12 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     use_gnss_yaw: Annotated[
         bool, Meta(description="whether the heading of a receiver with two antennas is used, where it sends one")
     ] = True
+    use_class: Annotated[
+        bool,
+        Meta(
+            description="whether it is used what the vehicle's class (HEARTBEAT.type) does: wheels do not slip, rotors drag, wings fly nose first"
+        ),
+    ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
 

@@ -89,7 +89,7 @@ def lever_jacobian(x, C, w, of_place, of_velocity, H):
         # -[m x]: entry (j, k) is +m_i, entry (k, j) is -m_i
         H[j, THETA + k] += size
         H[k, THETA + j] -= size
-        if H.shape[1] == STATES_MOST:
+        if H.shape[1] >= STATES_MOST:
             # C + C [w x]: column i of [w x] has w_k at j and -w_j at k
             for m in range(3):
                 H[m, DANTENNA + i] = of_place * C[m, i] + of_velocity * (C[m, j] * w[k] - C[m, k] * w[j])

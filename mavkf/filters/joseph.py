@@ -80,10 +80,11 @@ def quadratic(inverse, r):
 
 
 @compiled
-def correct(P, H, R, PHt, inverse, r, dx, considered):
+def correct(P, H, R, PHt, inverse, r, dx, considered, first):
     """Fill dx = K r (n,) and update P in place; PHt and the inverse of S as computed before.
 
-    considered: a state whose gain is zero (-1: none): its uncertainty counts, its value is left alone (Schmidt's consider filter:
+    considered: a state whose gain is zero (-1: none), as are those of all states before `first`: its uncertainty counts, its value is
+    left alone (Schmidt's consider filter:
     Jazwinski, "Stochastic Processes and Filtering Theory", section 8.3). The Joseph product holds for any gain.
 
     With P1 = P - K (P H')' the Joseph product is P1 - (P1 H' - K R) K', which costs two rank-m updates.
@@ -96,7 +97,7 @@ def correct(P, H, R, PHt, inverse, r, dx, considered):
             gain = 0.0
             for a in range(m):
                 gain += PHt[i, a] * inverse[a, b]
-            if i == considered:
+            if i == considered or i < first:
                 gain = 0.0
             K[i, b] = gain
             total += gain * r[b]

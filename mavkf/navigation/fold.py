@@ -31,6 +31,7 @@ from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
 from mavkf.navigation.sources import imu_in_use, in_use
 from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
+from mavkf.navigation.use_class import use_airspeed, use_class
 from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
 from mavkf.navigation.use_magnetometer import use_magnetometer
@@ -109,6 +110,7 @@ def measure(s, e, c, out):
     elif kind == MAGNETOMETER_KIND:
         use_magnetometer(s, e, c, out)
     elif kind == BAROMETER_KIND:
+        use_airspeed(s, e, c, out)
         use_barometer(s, e, c, out)
 
 
@@ -158,6 +160,7 @@ def use_imu(s, e, c, out):
         level(s, e, c, out)
     if s[L.ALIGNED] != 0.0 and c[Parameter.REST] != 0.0:
         rest(s, e, c, out, gyro, accel)
+    use_class(s, e, c, out)
     watch_position(s, out)
     choose_model(s, e, c, out)
 

@@ -107,7 +107,7 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
-    correct(P, H, R_lasting, PHt, inverse, r, dx, considered)
+    correct(P, H, R_lasting, PHt, inverse, r, dx, considered, int(s[L.CORRECT_FROM]))
     retract(s[L.X : L.P], dx)
     return nis
 

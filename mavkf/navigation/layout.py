@@ -10,7 +10,7 @@ from enum import IntEnum
 import numpy as np
 
 from mavkf.compiled import compiled
-from mavkf.models.gnss import STATES_MOST, X_SIZE
+from mavkf.models.vehicle_class import STATES_MOST, X_SIZE
 from mavkf.samples import ROW_WIDTH
 
 # An event is a sample row whose TIME is the time it was measured (stamp less delay, s), and:
@@ -128,7 +128,19 @@ F_FIX = 13  # last fix: latitude, longitude, height, vn, ve
 F_REFUSED = 18  # last refused fix, the same
 BOOK = 23
 BOOKS = STANDBY_T + IMUS
-PENDING = BOOKS + RECEIVERS * BOOK
+_class = BOOKS + RECEIVERS * BOOK
+(
+    T_CLASS,  # last use of what is known of the vehicle's class, NaN: none
+    T_AIRSPEED,
+    ARMED_HEIGHT,  # m, NaN: not armed, or not known
+) = range(_class, _class + 3)
+SCALE_CLASS = _class + 3  # learnt variance of that knowledge, against what is assumed: of two kinds
+MEAN_FORCE = SCALE_CLASS + 2  # f_b as measured, running mean
+LAST_CLASS = MEAN_FORCE + 3  # last innovations of the drag or of sideslip and airspeed
+SCALE_WIND = LAST_CLASS + 2  # learnt variance of the walk of the wind, against what is assumed
+CORRECT_FROM = SCALE_WIND + 1  # error states before this one are considered, not corrected, by what is fused now; else 0
+AIR_KNOWN = CORRECT_FROM + 1  # 1: the wind has been learnt in this flight
+PENDING = AIR_KNOWN + 1
 PENDING_CAPACITY = 32
 HALF = PENDING + PENDING_CAPACITY * EVENT_WIDTH
 STATE_SIZE = 2 * HALF  # all of it twice: see SECOND
@@ -190,6 +202,7 @@ class Parameter(IntEnum):
     GNSS_SOURCE = 47
     FIELD_SOURCE = 48
     PRESSURE_SOURCE = 49
+    CLASS = 50  # of the vehicle, as far as it is used: 0 none, 1 rover, 2 wing, 3 rotors
 
 
 PARAMETERS = len(Parameter)
@@ -240,6 +253,10 @@ class Sensor(IntEnum):
     GYRO = 7
     ACCELEROMETER = 8
     GNSS_YAW = 9
+    WHEELS = 10
+    DRAG = 11
+    SIDESLIP = 12
+    AIRSPEED = 13
 
 
 SENSORS = len(Sensor)

@@ -33,6 +33,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter
 from mavkf.navigation.receivers import begin_books
 from mavkf.navigation.sources import begin_sources
+from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
 from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
 
@@ -98,6 +99,7 @@ def begin(s, c):
         s[ANTENNA + i] = c[Parameter.ANTENNA_X + i]
         if antenna:
             P[DANTENNA + i, DANTENNA + i] = c[Parameter.ANTENNA_SIGMA] ** 2
+    begin_class(s, c)
 
 
 @compiled

@@ -1,0 +1,282 @@
+"""What is known of the vehicle's class in the fold: wheels do not slip, rotors drag, wings fly nose first.
+
+The error of such knowledge lasts: a car that slips does so for a bend, a gust for seconds. A sequence of errors of variance sigma^2 with
+correlation phi from one to the next holds as much information as independent ones of variance sigma^2 (1 + phi) / (1 - phi): it is judged
+by the first and fused with the second.
+"""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models import vehicle_class as model
+from mavkf.models.earth import STANDARD_GRAVITY
+from mavkf.models.rotation import rotation_matrix
+from mavkf.models.strapdown import HEIGHT, Q, V
+from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
+from mavkf.navigation import layout as L
+from mavkf.navigation.fusing import fuse_lasting
+from mavkf.navigation.layout import Parameter, Sensor
+from mavkf.navigation.learning import learn
+from mavkf.samples import DIFFERENTIAL_PRESSURE, PRESSURE
+
+ROVER_PERIOD, AIR_PERIOD = 0.5, 1.0  # s between updates
+# Rover. How the wheels stand in b (a level mounting by eye), and where the axle is that does not steer.
+FORWARD_SIGMA, AXLE_SIGMA = 0.05, 1.0  # rad, m
+ROUGH, ROUGH_VERTICAL = 0.05, 0.1  # m/s: ground and suspension
+FLEX = 3e-3  # rad: of mounting and body, times the speed
+TYRE = 0.07  # rad of slip, or of the body's roll and pitch on its springs, for each g
+BEND = 1.0  # s: how long a bend or braking lasts
+# Air. A wind of a usual day, and how fast its mean changes for what moves through it: 1 m/s in 45 s.
+WIND_SIGMA, WIND_WALK = 5.0, 0.15  # m/s, m/s/sqrt(s)
+WIND_KNOWN = 2.0  # m/s: one sigma of an axis, by which the air has become a sensor
+DRAG, DRAG_SIGMA = 0.25, 0.7  # 1/s, and one sigma of its logarithm
+BODY_DRAG, BODY_DRAG_SIGMA = 0.02, 0.02  # 1/m: half of air density, drag coefficient and area by the mass
+PITOT_SIGMA = 0.1  # of the logarithm of a pitot tube's factor, air density included
+GUST, GUST_ALONG = 0.3, 0.7  # m/s: across, or as rotors feel it; along, as a pitot tube shows it
+MISFIT, MISFIT_TIME = 0.05, 3.0  # share of the airspeed that the drag law is off, which lasts as long as a manoeuvre, s
+SLIP_SIGMA, SLIP_TIME = 0.05, 20.0  # rad, s: sideslip of a wing that lasts as long as a turn does
+SMOOTH = 0.1  # s: time constant of the mean of the force
+LEAST_AIRSPEED = 6.0  # m/s: a pitot tube shows nothing useful below
+ABOVE_GROUND, MOVING = 3.0, 3.0  # m, m/s
+LEAST_ROVER_SCALE, LEAST_AIR_SCALE = 0.3, 0.2  # what lingers is not seen in the innovations
+SLOW = 0.125  # s between IMU samples: from here on air knows more of the attitude than the gyro does
+WIND_LEARNING, LEAST_WIND, MOST_WIND = 0.1, 0.25, 25.0  # of the variance of the wind's walk against what is assumed
+WIND_UNCORRELATED = 0.05  # correlation that a white noise assumed too large makes by itself
+ROVER, WING, ROTORS = 1.0, 2.0, 3.0  # values of Parameter.CLASS
+
+
+@compiled
+def begin_class(s, c):
+    """Give the states of the class their place and prior; none where nothing is known of it."""
+    if c[Parameter.CLASS] == 0.0:
+        return
+    n = int(s[L.STATES])
+    s[L.STATES] = STATES_MOST - 1 if c[Parameter.CLASS] == ROVER else STATES_MOST
+    old = s[L.P : L.P + n * n].reshape((n, n)).copy()
+    P = L.covariance(s)
+    P[:, :] = 0.0
+    for i in range(n):
+        for j in range(n):
+            P[i, j] = old[i, j]
+    s[L.T_CLASS] = np.nan
+    s[L.SCALE_WIND] = 1.0
+    s[L.T_AIRSPEED] = np.nan
+    s[L.ARMED_HEIGHT] = np.nan
+    for i in range(2):
+        s[L.SCALE_CLASS + i] = 1.0
+        P[DCLASS + i, DCLASS + i] = (FORWARD_SIGMA if c[Parameter.CLASS] == ROVER else WIND_SIGMA) ** 2
+    last = AXLE_SIGMA if c[Parameter.CLASS] == ROVER else PITOT_SIGMA
+    if c[Parameter.CLASS] == ROTORS:
+        last = DRAG_SIGMA
+        s[FACTOR] = math.log(DRAG)
+        s[CURVE] = BODY_DRAG
+        P[DCURVE, DCURVE] = BODY_DRAG_SIGMA**2
+    P[DCLASS + 2, DCLASS + 2] = last * last
+    if c[Parameter.CLASS] == WING:
+        P[DSLIP, DSLIP] = SLIP_SIGMA**2
+
+
+@compiled
+def inflation(dt, lasting):
+    """How much less a sequence of errors says that last (s) than independent ones, dt (s) apart: (1 + phi) / (1 - phi)."""
+    return 1.0 / math.tanh(0.5 * dt / lasting)
+
+
+@compiled
+def is_off(s, c):
+    """Whether the vehicle does what its class does: armed, moving or above the ground, with attitude, heading and velocity known."""
+    if s[L.ARMED] != 1.0:
+        s[L.ARMED_HEIGHT] = np.nan
+        s[L.AIR_KNOWN] = 0.0
+        return False
+    if s[L.MODEL] == L.CONSTANT_VELOCITY or s[L.RESTING] != 0.0 or s[L.RECOVERING] != 0.0:
+        return False
+    if not math.isfinite(s[L.ARMED_HEIGHT]):
+        s[L.ARMED_HEIGHT] = s[HEIGHT]
+    if c[Parameter.CLASS] == ROVER:
+        return True
+    speed = math.hypot(s[V], s[V + 1])
+    high = abs(s[HEIGHT] - s[L.ARMED_HEIGHT]) > ABOVE_GROUND
+    return high and speed > LEAST_AIRSPEED if c[Parameter.CLASS] == WING else high or speed > MOVING
+
+
+@compiled
+def use_class(s, e, c, out):
+    """After an IMU event: fuse what the class says, when it is due."""
+    if c[Parameter.CLASS] == 0.0:
+        return
+    share = min(1.0, s[L.PERIOD] / SMOOTH)
+    for i in range(3):
+        s[L.MEAN_FORCE + i] += share * (s[L.IMU + 3 + i] - s[L.MEAN_FORCE + i])
+    period = ROVER_PERIOD if c[Parameter.CLASS] == ROVER else AIR_PERIOD
+    if s[L.T] < s[L.T_CLASS] + period - 1e-6 or not is_off(s, c):
+        return
+    dt = s[L.T] - s[L.T_CLASS] if math.isfinite(s[L.T_CLASS]) else period
+    s[L.T_CLASS] = s[L.T]
+    C = np.empty((3, 3))
+    rotation_matrix(s[Q : Q + 4], C)
+    if c[Parameter.CLASS] == ROVER:
+        use_wheels(s, e, c, out, C, dt)
+        return
+    P = L.covariance(s)
+    for i in range(2):
+        P[DWIND + i, DWIND + i] += WIND_WALK**2 * s[L.SCALE_WIND] * dt
+    if c[Parameter.CLASS] == ROTORS:
+        use_drag(s, e, c, out, C, dt)
+    else:
+        use_sideslip(s, e, c, out, C, dt)
+
+
+@compiled
+def teach(s, k, r, H, row, variance, least):
+    """Learn how much more or less than assumed the knowledge errs, from an innovation; variance: of its error as it is, not as told."""
+    P = L.covariance(s)
+    total = variance
+    for i in range(P.shape[0]):
+        if H[row, i] != 0.0:
+            for j in range(P.shape[0]):
+                total += H[row, i] * P[i, j] * H[row, j]
+    s[L.SCALE_CLASS + k] = learn(s[L.SCALE_CLASS + k], r * r / total, 1, variance / total, least)
+    return total
+
+
+@compiled
+def teach_wind(s, k, r, variance):
+    """Let the wind change faster while successive innovations of this variance agree, more slowly while they contradict each other."""
+    rho = min(max(r * s[L.LAST_CLASS + k] / variance, -3.0), 3.0)
+    s[L.LAST_CLASS + k] = r
+    s[L.SCALE_WIND] = min(max(s[L.SCALE_WIND] * math.exp(WIND_LEARNING * (rho - WIND_UNCORRELATED)), LEAST_WIND), MOST_WIND)
+
+
+@compiled
+def fuse_air(s, e, c, out, sensor, r, H, R, R_lasting):
+    """Fuse what the air says: into wind and drag alone until the wind is known, and while GNSS and a fast IMU know the motion better.
+
+    Else into everything. What is not corrected counts with its uncertainty, so that all stays ready for an outage.
+    """
+    P = L.covariance(s)
+    if P[DWIND, DWIND] < WIND_KNOWN**2 and P[DWIND + 1, DWIND + 1] < WIND_KNOWN**2:
+        s[L.AIR_KNOWN] = 1.0
+    if s[L.OUTAGE] == 0.0 and (s[L.AIR_KNOWN] == 0.0 or s[L.PERIOD] < SLOW):
+        s[L.CORRECT_FROM] = DCLASS
+    fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting)
+    s[L.CORRECT_FROM] = 0.0
+
+
+@compiled
+def use_wheels(s, e, c, out, C, dt):
+    """Wheels move neither sideways nor off the ground."""
+    x = s[L.X : L.P]
+    h = np.empty(2)
+    H = np.empty((2, int(s[L.STATES])))
+    R = np.zeros((2, 2))
+    R_lasting = np.zeros((2, 2))
+    omega = s[L.RATE : L.RATE + 3]
+    model.predict_slip(x, C, omega, h)
+    model.slip_jacobian(x, C, omega, H)
+    speed = math.sqrt(x[V] ** 2 + x[V + 1] ** 2 + x[V + 2] ** 2)
+    r = np.empty(2)
+    for i in range(2):
+        r[i] = -h[i]
+        # across, and along for what the springs do
+        a = speed * omega[2] if i == 0 else s[L.MEAN_FORCE]
+        slip = TYRE * a / STANDARD_GRAVITY * speed
+        rough = ROUGH if i == 0 else ROUGH_VERTICAL
+        white = rough * rough + (FLEX * speed) ** 2
+        R[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip)
+        R_lasting[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
+        teach(s, i, r[i], H, i, R[i, i], LEAST_ROVER_SCALE)
+    fuse_lasting(s, e, c, out, Sensor.WHEELS, r, H, R, R_lasting)
+
+
+@compiled
+def use_drag(s, e, c, out, C, dt):
+    """Across the rotors' axis there is no force but drag."""
+    x = s[L.X : L.P]
+    u = np.empty(3)
+    f = np.empty(3)
+    h = np.empty(2)
+    H = np.empty((2, int(s[L.STATES])))
+    R = np.zeros((2, 2))
+    R_lasting = np.zeros((2, 2))
+    is_state = s[L.MODEL] == L.TELEMETRY
+    model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
+    model.specific_force(x, s[L.MEAN_FORCE : L.MEAN_FORCE + 3], is_state, f)
+    model.drag_jacobian(x, C, u, is_state, H)
+    speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    lag = 0.0 if is_state else max(0.0, SMOOTH - s[L.PERIOD])
+    # the mean of the force is of a while ago: du/dt = f + C' g - omega x u
+    w = s[L.RATE : L.RATE + 3]
+    d0 = f[0] + C[2, 0] * STANDARD_GRAVITY - (w[1] * u[2] - w[2] * u[1])
+    d1 = f[1] + C[2, 1] * STANDARD_GRAVITY - (w[2] * u[0] - w[0] * u[2])
+    u[0] -= lag * d0
+    u[1] -= lag * d1
+    model.predict_drag(x, u, f, h)
+    k = math.exp(x[FACTOR]) + 2.0 * abs(x[CURVE]) * speed
+    gust = s[L.SCALE_CLASS] * GUST * GUST
+    misfit = s[L.SCALE_CLASS] * (MISFIT * speed) ** 2
+    white = 0.0 if is_state else 0.5 * s[L.DIFFERENCE_ACCEL] * min(1.0, s[L.PERIOD] / SMOOTH)
+    r = np.empty(2)
+    for i in range(2):
+        r[i] = -h[i]
+        R[i, i] = k * k * (gust + misfit) + white
+        R_lasting[i, i] = k * k * (gust + misfit * inflation(dt, MISFIT_TIME)) + white
+    for i in range(2):
+        teach_wind(s, i, r[i], teach(s, 0, r[i], H, i, R[i, i], LEAST_AIR_SCALE))
+    fuse_air(s, e, c, out, Sensor.DRAG, r, H, R, R_lasting)
+
+
+@compiled
+def use_sideslip(s, e, c, out, C, dt):
+    """A wing flies nose first through the air."""
+    x = s[L.X : L.P]
+    u = np.empty(3)
+    r = np.empty(1)
+    H = np.empty((1, int(s[L.STATES])))
+    R = np.empty((1, 1))
+    model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
+    phi = math.exp(-dt / SLIP_TIME)
+    x[SLIP] *= phi
+    P = L.covariance(s)
+    for j in range(P.shape[0]):
+        P[DSLIP, j] *= phi
+    for j in range(P.shape[0]):
+        P[j, DSLIP] *= phi
+    P[DSLIP, DSLIP] += (1.0 - phi * phi) * SLIP_SIGMA**2
+    model.sideslip_jacobian(x, C, u, H)
+    r[0] = -model.predict_sideslip(x, u)
+    gust = s[L.SCALE_CLASS] * GUST**2
+    R[0, 0] = gust
+    teach_wind(s, 0, r[0], teach(s, 0, r[0], H, 0, gust, LEAST_AIR_SCALE))
+    fuse_air(s, e, c, out, Sensor.SIDESLIP, r, H, R, R)
+
+
+@compiled
+def use_airspeed(s, e, c, out):
+    """A barometer event that carries a pitot tube's pressure: fuse the airspeed, when it is due."""
+    if c[Parameter.CLASS] != WING or not e[DIFFERENTIAL_PRESSURE] > 0.0 or not e[PRESSURE] > 0.0:
+        return
+    if s[L.T] < s[L.T_AIRSPEED] + AIR_PERIOD - 1e-6 or not is_off(s, c):
+        return
+    shown = model.airspeed(e[DIFFERENTIAL_PRESSURE], e[PRESSURE])
+    if not shown > LEAST_AIRSPEED:
+        return
+    s[L.T_AIRSPEED] = s[L.T]
+    x = s[L.X : L.P]
+    C = np.empty((3, 3))
+    rotation_matrix(x[Q : Q + 4], C)
+    u = np.empty(3)
+    r = np.empty(1)
+    H = np.empty((1, int(s[L.STATES])))
+    R = np.empty((1, 1))
+    model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
+    if not u[0] * u[0] + u[1] * u[1] + u[2] * u[2] > 1.0:
+        return
+    model.airspeed_jacobian(x, C, u, H)
+    r[0] = shown - model.predict_airspeed(x, u)
+    gust = s[L.SCALE_CLASS + 1] * GUST_ALONG**2
+    R[0, 0] = gust
+    teach_wind(s, 1, r[0], teach(s, 1, r[0], H, 0, gust, LEAST_AIR_SCALE))
+    fuse_air(s, e, c, out, Sensor.AIRSPEED, r, H, R, R)
