@@ -1,5 +1,6 @@
 """Slow links: the IMU's messages thinned to lower and lower rates, everything else as it was."""
 
+from collections import Counter
 from itertools import pairwise
 from typing import Any
 
@@ -56,7 +57,7 @@ def run(settings: Settings) -> list[dict[str, Any]]:
             rms = {q: found[q].rms if q in found else np.nan for q in QUANTITIES}
             ratios = {q: found[q].error_over_sigma if q in found else np.nan for q in QUANTITIES}
             most = (bar, bar, MOST_TILT if rate >= TILT_RATE else np.inf, np.inf)
-            model = model_name(session.output.poses[-1]) or "none"
+            model = Counter(model_name(pose) or "none" for pose in session.output.poses).most_common(1)[0][0]
             row(
                 name.split("_")[0],
                 f"{rate:g}",

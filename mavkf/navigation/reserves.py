@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from mavkf.samples import IMU_SOURCES, KIND, SOURCE, TIME, Kind, Source
 
-ENOUGH_HZ = 4.0  # Hz: ap01 finds yaw to 0.6 deg at 5 Hz and to 0.15 at 50, but 50 in reserve cost a third of the speed as live
+ENOUGH_HZ = (
+    4.0  # Hz: ap01 finds yaw to 0.6 deg at 5 Hz and to 0.15 at 50, but 50 in reserve cost a third of the speed as live
+)
 BAROMETER_SOURCES = (
     Source.SCALED_PRESSURE,
     Source.HIGHRES_IMU,

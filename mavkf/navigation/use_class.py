@@ -147,7 +147,9 @@ def teach_wind(s, k, r, variance):
     """Let the wind change faster while successive innovations of this variance agree, more slowly while they contradict each other."""
     rho = min(max(r * s[L.LAST_CLASS + k] / variance, -3.0), 3.0)
     s[L.LAST_CLASS + k] = r
-    s[L.SCALE_WIND] = min(max(s[L.SCALE_WIND] * math.exp(WIND_LEARNING * (rho - WIND_UNCORRELATED)), LEAST_WIND), MOST_WIND)
+    s[L.SCALE_WIND] = min(
+        max(s[L.SCALE_WIND] * math.exp(WIND_LEARNING * (rho - WIND_UNCORRELATED)), LEAST_WIND), MOST_WIND
+    )
 
 
 @compiled
