@@ -27,6 +27,7 @@ OTHER: dict[str, Any] = {
     "vehicle.use_rest": "false",
     "vehicle.use_gnss_yaw": "false",
     "vehicle.use_motion_yaw": "false",
+    "vehicle.use_class": "false",
     "gates.reset_s": 3.0,
     "gates.gap_s": 1.5,
     "model.telemetry": "false",
