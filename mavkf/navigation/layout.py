@@ -137,10 +137,8 @@ _class = BOOKS + RECEIVERS * BOOK
 SCALE_CLASS = _class + 3  # learnt variance of that knowledge, against what is assumed: of two kinds
 MEAN_FORCE = SCALE_CLASS + 2  # f_b as measured, running mean
 LAST_CLASS = MEAN_FORCE + 3  # last innovations of the drag or of sideslip and airspeed
-SCALE_WIND = LAST_CLASS + 2  # learnt variance of the walk of the wind, against what is assumed
-CORRECT_FROM = (
-    SCALE_WIND + 1
-)  # error states before this one are considered, not corrected, by what is fused now; else 0
+SCALE_LASTING = LAST_CLASS + 2  # learnt variance of the walk of the wind, or of slip that lasts
+CORRECT_FROM = SCALE_LASTING + 1  # error states before it are considered, not corrected, by what is fused now
 AIR_KNOWN = CORRECT_FROM + 1  # 1: the wind has been learnt in this flight
 PENDING = AIR_KNOWN + 1
 PENDING_CAPACITY = 32

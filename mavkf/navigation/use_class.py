@@ -28,6 +28,7 @@ ROUGH, ROUGH_VERTICAL = 0.05, 0.1  # m/s: ground and suspension
 FLEX = 3e-3  # rad: of mounting and body, times the speed
 TYRE = 0.07  # rad of slip, or of the body's roll and pitch on its springs, for each g
 BEND = 1.0  # s: how long a bend or braking lasts
+ROLLING = 1.0  # m/s: one that stands says nothing of how its wheels hold
 # Air. A wind of a usual day, and how fast its mean changes for what moves through it: 1 m/s in 45 s.
 WIND_SIGMA, WIND_WALK = 5.0, 0.15  # m/s, m/s/sqrt(s)
 WIND_KNOWN = 2.0  # m/s: one sigma of an axis, by which the air has become a sensor
@@ -42,8 +43,8 @@ LEAST_AIRSPEED = 6.0  # m/s: a pitot tube shows nothing useful below
 ABOVE_GROUND, MOVING = 3.0, 3.0  # m, m/s
 LEAST_ROVER_SCALE, LEAST_AIR_SCALE = 0.3, 0.2  # what lingers is not seen in the innovations
 SLOW = 0.125  # s between IMU samples: from here on air knows more of the attitude than the gyro does
-WIND_LEARNING, LEAST_WIND, MOST_WIND = 0.1, 0.25, 25.0  # of the variance of the wind's walk against what is assumed
-WIND_UNCORRELATED = 0.05  # correlation that a white noise assumed too large makes by itself
+LASTING_LEARNING, LEAST_WIND, MOST_LASTING = 0.1, 0.25, 25.0  # of the wind's walk, or of slip, against what is assumed
+UNCORRELATED = 0.05  # correlation that a white noise assumed too large makes by itself
 ROVER, WING, ROTORS = 1.0, 2.0, 3.0  # values of Parameter.CLASS
 
 
@@ -61,7 +62,7 @@ def begin_class(s, c):
         for j in range(n):
             P[i, j] = old[i, j]
     s[L.T_CLASS] = np.nan
-    s[L.SCALE_WIND] = 1.0
+    s[L.SCALE_LASTING] = 1.0
     s[L.T_AIRSPEED] = np.nan
     s[L.ARMED_HEIGHT] = np.nan
     for i in range(2):
@@ -122,7 +123,7 @@ def use_class(s, e, c, out):
         return
     P = L.covariance(s)
     for i in range(2):
-        P[DWIND + i, DWIND + i] += WIND_WALK**2 * s[L.SCALE_WIND] * dt
+        P[DWIND + i, DWIND + i] += WIND_WALK**2 * s[L.SCALE_LASTING] * dt
     if c[Parameter.CLASS] == ROTORS:
         use_drag(s, e, c, out, C, dt)
     else:
@@ -143,13 +144,12 @@ def teach(s, k, r, H, row, variance, least):
 
 
 @compiled
-def teach_wind(s, k, r, variance):
-    """Let the wind change faster while successive innovations of this variance agree, more slowly while they contradict each other."""
+def teach_lasting(s, k, r, variance, least):
+    """Let the wind change faster, or a rover's slip last longer, while successive innovations of this variance agree; else the contrary."""
     rho = min(max(r * s[L.LAST_CLASS + k] / variance, -3.0), 3.0)
     s[L.LAST_CLASS + k] = r
-    s[L.SCALE_WIND] = min(
-        max(s[L.SCALE_WIND] * math.exp(WIND_LEARNING * (rho - WIND_UNCORRELATED)), LEAST_WIND), MOST_WIND
-    )
+    scale = s[L.SCALE_LASTING] * math.exp(LASTING_LEARNING * (rho - UNCORRELATED))
+    s[L.SCALE_LASTING] = min(max(scale, least), MOST_LASTING)
 
 
 @compiled
@@ -188,8 +188,10 @@ def use_wheels(s, e, c, out, C, dt):
         rough = ROUGH if i == 0 else ROUGH_VERTICAL
         white = rough * rough + (FLEX * speed) ** 2
         R[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip)
-        R_lasting[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
-        teach(s, i, r[i], H, i, R[i, i], LEAST_ROVER_SCALE)
+        lasting = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
+        if speed > ROLLING:
+            teach_lasting(s, i, r[i], teach(s, i, r[i], H, i, R[i, i], LEAST_ROVER_SCALE), 1.0)
+        R_lasting[i, i] = lasting * s[L.SCALE_LASTING]
     fuse_lasting(s, e, c, out, Sensor.WHEELS, r, H, R, R_lasting)
 
 
@@ -226,7 +228,7 @@ def use_drag(s, e, c, out, C, dt):
         R[i, i] = k * k * (gust + misfit) + white
         R_lasting[i, i] = k * k * (gust + misfit * inflation(dt, MISFIT_TIME)) + white
     for i in range(2):
-        teach_wind(s, i, r[i], teach(s, 0, r[i], H, i, R[i, i], LEAST_AIR_SCALE))
+        teach_lasting(s, i, r[i], teach(s, 0, r[i], H, i, R[i, i], LEAST_AIR_SCALE), LEAST_WIND)
     fuse_air(s, e, c, out, Sensor.DRAG, r, H, R, R_lasting)
 
 
@@ -251,7 +253,7 @@ def use_sideslip(s, e, c, out, C, dt):
     r[0] = -model.predict_sideslip(x, u)
     gust = s[L.SCALE_CLASS] * GUST**2
     R[0, 0] = gust
-    teach_wind(s, 0, r[0], teach(s, 0, r[0], H, 0, gust, LEAST_AIR_SCALE))
+    teach_lasting(s, 0, r[0], teach(s, 0, r[0], H, 0, gust, LEAST_AIR_SCALE), LEAST_WIND)
     fuse_air(s, e, c, out, Sensor.SIDESLIP, r, H, R, R)
 
 
@@ -280,5 +282,5 @@ def use_airspeed(s, e, c, out):
     r[0] = shown - model.predict_airspeed(x, u)
     gust = s[L.SCALE_CLASS + 1] * GUST_ALONG**2
     R[0, 0] = gust
-    teach_wind(s, 1, r[0], teach(s, 1, r[0], H, 0, gust, LEAST_AIR_SCALE))
+    teach_lasting(s, 1, r[0], teach(s, 1, r[0], H, 0, gust, LEAST_AIR_SCALE), LEAST_WIND)
     fuse_air(s, e, c, out, Sensor.AIRSPEED, r, H, R, R)

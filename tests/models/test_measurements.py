@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mavkf.models import barometer, gnss, magnetometer
-from mavkf.models.gnss import ANTENNA, STATES_MOST, X_SIZE
+from mavkf.models import barometer, gnss, magnetometer, vehicle_class
+from mavkf.models.gnss import ANTENNA
 from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.models.strapdown import (
     BARO,
@@ -25,6 +25,8 @@ from mavkf.models.strapdown import (
     offset,
     retract,
 )
+from mavkf.models.telemetry import FORCE
+from mavkf.models.vehicle_class import CLASS, STATES_MOST, WIND, X_SIZE
 
 Array = np.ndarray
 
@@ -70,6 +72,29 @@ def field(case: Case, y: Array) -> Array:
     return z_hat
 
 
+def slip(case: Case, y: Array) -> Array:
+    h = np.empty(2)
+    vehicle_class.predict_slip(y, attitude(y), case.w, h)
+    return h
+
+
+def through_air(y: Array) -> Array:
+    u = np.empty(3)
+    vehicle_class.body_velocity(y, attitude(y), y[WIND], y[WIND + 1], u)
+    return u
+
+
+def drag(case: Case, y: Array, is_state: bool) -> Array:
+    f, h = np.empty(3), np.empty(2)
+    vehicle_class.specific_force(y, case.a, is_state, f)
+    vehicle_class.predict_drag(y, through_air(y), f, h)
+    return h
+
+
+def drag_jacobian(case: Case, H: Array, is_state: bool) -> None:
+    vehicle_class.drag_jacobian(case.x, attitude(case.x), through_air(case.x), is_state, H)
+
+
 MEASUREMENTS = {
     "position": Measurement(
         position, lambda case, H: gnss.position_jacobian(case.x, case.a, attitude(case.x), case.w, H), 3
@@ -87,6 +112,28 @@ MEASUREMENTS = {
         lambda case, y: np.array([barometer.predict(y)]), lambda case, H: barometer.jacobian(H), 1
     ),
 }
+# of what a vehicle's class says, which needs the states of the class
+CLASS_MEASUREMENTS = {
+    "slip": Measurement(slip, lambda case, H: vehicle_class.slip_jacobian(case.x, attitude(case.x), case.w, H), 2),
+    "drag_of_a_sample": Measurement(
+        lambda case, y: drag(case, y, False), lambda case, H: drag_jacobian(case, H, False), 2
+    ),
+    "drag_of_the_state": Measurement(
+        lambda case, y: drag(case, y, True), lambda case, H: drag_jacobian(case, H, True), 2
+    ),
+    "airspeed": Measurement(
+        lambda case, y: np.array([vehicle_class.predict_airspeed(y, through_air(y))]),
+        lambda case, H: vehicle_class.airspeed_jacobian(case.x, attitude(case.x), through_air(case.x), H),
+        1,
+    ),
+    "sideslip": Measurement(
+        lambda case, y: np.array([vehicle_class.predict_sideslip(y, through_air(y))]),
+        lambda case, H: vehicle_class.sideslip_jacobian(case.x, attitude(case.x), through_air(case.x), H),
+        1,
+    ),
+}
+CASES = [(name, states) for name in MEASUREMENTS for states in (N, gnss.STATES_MOST)]
+CASES += [(name, STATES_MOST) for name in (*MEASUREMENTS, *CLASS_MEASUREMENTS)]
 
 
 def random_case(random: np.random.Generator) -> Case:
@@ -98,13 +145,13 @@ def random_case(random: np.random.Generator) -> Case:
     x[HEIGHT], x[BARO], x[DELAY] = random.uniform(-50.0, 5000.0), random.normal(), random.normal() * 0.05
     x[GNSS : GNSS + 3], x[ANTENNA : ANTENNA + 3] = random.normal(size=3), random.normal(size=3)
     x[EARTH_FIELD : EARTH_FIELD + 3], x[IRON : IRON + 3] = random.normal(size=3), random.normal(size=3)
+    x[FORCE : FORCE + 3], x[CLASS:] = random.normal(size=3) * 5.0, random.normal(size=X_SIZE - CLASS) * 0.3
     return Case(x, random.uniform(-10.0, 10.0, 3), random.uniform(-3.0, 3.0, 3))
 
 
-@pytest.mark.parametrize("states", [N, STATES_MOST])
-@pytest.mark.parametrize("name", MEASUREMENTS)
+@pytest.mark.parametrize(("name", "states"), CASES)
 def test_jacobian_is_the_derivative_of_the_prediction(name: str, states: int) -> None:
-    measurement = MEASUREMENTS[name]
+    measurement = (MEASUREMENTS | CLASS_MEASUREMENTS)[name]
     for seed in range(50):
         case = random_case(np.random.default_rng(seed))
         H, numeric = np.full((measurement.size, states), np.nan), np.empty((measurement.size, states))
@@ -130,5 +177,5 @@ def test_the_lever_arm_in_plain_vectors() -> None:
         case = random_case(np.random.default_rng(seed))
         x, C = case.x, attitude(case.x)
         arm = np.array([gnss.lever(x, C, case.w, i) for i in range(3)])
-        np.testing.assert_allclose(arm[:, 0], C @ x[ANTENNA:], atol=1e-12)
-        np.testing.assert_allclose(arm[:, 1], C @ np.cross(case.w, x[ANTENNA:]), atol=1e-12)
+        np.testing.assert_allclose(arm[:, 0], C @ x[ANTENNA:CLASS], atol=1e-12)
+        np.testing.assert_allclose(arm[:, 1], C @ np.cross(case.w, x[ANTENNA:CLASS]), atol=1e-12)
