@@ -16,6 +16,9 @@ from msgspec import Meta
 
 from mavkf.errors import UsageError
 
+Angle = Annotated[float, Meta(ge=-180.0, le=180.0)]
+Length = Annotated[float, Meta(ge=-100.0, le=100.0)]
+
 
 class Timeline(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """[timeline] history and set-up of a session."""
@@ -62,6 +65,24 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         ]
         | None
     ) = None
+    imu_rotation_deg: Annotated[
+        tuple[Angle, Angle, Angle],
+        Meta(
+            description="deg: roll, pitch, yaw (turns about z, then y, then x) of the sensor frame in the body, for an autopilot "
+            "that does not know how it is mounted: applies to every IMU message and to the magnetic field in it"
+        ),
+    ] = (0.0, 0.0, 0.0)
+    gnss_antenna_b_m: Annotated[
+        tuple[Length, Length, Length],
+        Meta(description="m: where the GNSS antenna is from the IMU: forward, right, down"),
+    ] = (0.0, 0.0, 0.0)
+    estimate_antenna: Annotated[
+        bool,
+        Meta(
+            description="whether the antenna's place is estimated, beginning with the configured one (one sigma 0.05 m; 0.3 m where it is "
+            "all zeros); it is seen when the vehicle turns"
+        ),
+    ] = False
     magnetic_declination_deg: (
         Annotated[
             float,
@@ -79,9 +100,14 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         bool,
         Meta(description="whether yaw may be found from GNSS velocity and acceleration where no magnetometer gives it"),
     ] = True
+    use_gnss_yaw: Annotated[
+        bool, Meta(description="whether the heading of a receiver with two antennas is used, where it sends one")
+    ] = True
     use_class: Annotated[
         bool,
-        Meta(description="whether what the vehicle's class (HEARTBEAT.type) cannot do is used: the wheels of a rover do not slip"),
+        Meta(
+            description="whether the vehicle's class (HEARTBEAT.type) is used: wheels do not slip, rotors drag, wings fly nose first"
+        ),
     ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True
 
@@ -107,7 +133,11 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = 0.06
     sampling: Annotated[
         float,
-        Meta(ge=0.0, le=10.0, description="how much of what is missed between two samples is believed: times its theoretical variance"),
+        Meta(
+            ge=0.0,
+            le=10.0,
+            description="how much of what is missed between two samples is believed: times its theoretical variance",
+        ),
     ] = 1.0
     gnss_horizontal_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="m: where the receiver claims nothing")] = (
         2.0
@@ -134,7 +164,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             le=5.0,
             description="least sigma of the horizontal GNSS error that lingers, as a share of what is claimed",
         ),
-    ] = 0.75
+    ] = 0.85
     gnss_colour_vertical: Annotated[
         float,
         Meta(
@@ -152,6 +182,14 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     gnss_delay_walk: Annotated[float, Meta(ge=0.0, le=0.1, description="s/sqrt(s): random walk of the GNSS delay")] = (
         1e-4
     )
+    gnss_yaw_deg: Annotated[
+        float,
+        Meta(
+            gt=0.0,
+            le=180.0,
+            description="deg: heading of a receiver with two antennas; no message tells how good it is",
+        ),
+    ] = 2.0
     magnetometer_t: Annotated[
         float, Meta(gt=0.0, le=1e-4, description="T: white noise and changing disturbance of the magnetometer")
     ] = 7e-7
@@ -230,9 +268,12 @@ def settings() -> Iterator[tuple[str, Any, str]]:
         for field in msgspec.structs.fields(section.type):
             # Annotated[T, Meta] or Annotated[T, Meta] | None
             candidates = (field.type, *get_args(field.type))
-            meta = next(candidate.__metadata__[0] for candidate in candidates if hasattr(candidate, "__metadata__"))
-            low = meta.ge if meta.ge is not None else meta.gt
-            high = meta.le if meta.le is not None else meta.lt
+            chosen = next(candidate for candidate in candidates if hasattr(candidate, "__metadata__"))
+            meta = chosen.__metadata__[0]
+            # a vector's range is that of its components
+            span_of = next((part.__metadata__[0] for part in get_args(chosen.__origin__)), meta)
+            low = span_of.ge if span_of.ge is not None else span_of.gt
+            high = span_of.le if span_of.le is not None else span_of.lt
             span = f" ({low:g} to {high:g})" if low is not None and high is not None else ""
             yield f"{section.name}.{field.name}", field.default, meta.description + span
 
@@ -269,7 +310,7 @@ def with_settings(config: Config, assignments: Iterable[str]) -> Config:
         try:
             value: Any = tomllib.loads(f"v = {text}")["v"]
         except tomllib.TOMLDecodeError:
-            raise UsageError(f"--set {assignment}: {text!r} is not a number or true/false") from None
+            raise UsageError(f"--set {assignment}: {text!r} is not a number, true/false or [a, b, c]") from None
         values[section][name] = value
         _checked(values, f"--set {assignment}")
     return _checked(values, "--set")

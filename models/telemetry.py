@@ -144,7 +144,7 @@ def propagate(x, dt, tau, Qc, Phi, Qd):
         for j in range(M):
             Phi[i, j] = 1.0 if i == j else 0.0
             Qd[i, j] = 0.0
-    steps = int(math.ceil(dt / STEP))
+    steps = math.ceil(dt / STEP)
     h = dt / steps
     F = np.empty((M, M))
     dy, total_y, point_y = np.empty(Y), np.empty(Y), np.empty(Y)
@@ -158,7 +158,7 @@ def propagate(x, dt, tau, Qc, Phi, Qd):
             derivative(point_y, frame, g, tau, dy)
             dynamics(point_y, frame, g, tau, place_of, F)
             moment_rates(F, point_Phi, point_Qd, Qc, dPhi, dQd)
-            weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+            weight = h / 6.0 if stage % 3 == 0 else h / 3.0
             ahead = h if stage == 2 else 0.5 * h
             for i in range(Y):
                 total_y[i] = (y[i] if stage == 0 else total_y[i]) + weight * dy[i]

@@ -29,6 +29,7 @@ def test_set_by_key_and_by_section() -> None:
     assert with_settings(Config(), ["timeline.window_s=2.5"]).timeline.window_s == 2.5
     config = with_settings(Config(), ["gyro=1e-3", "vehicle.use_barometer=false", "gnss_delay_s=0.2", "reset_s=7"])
     assert (config.noise.gyro, config.vehicle.use_barometer) == (1e-3, False)
+    assert with_settings(Config(), ["imu_rotation_deg=[180, 0, 45.0]"]).vehicle.imu_rotation_deg == (180.0, 0.0, 45.0)
     assert (config.vehicle.gnss_delay_s, config.gates.reset_s) == (0.2, 7.0)
     # the rest is as it was, and so is what was given
     assert with_settings(config, ["gyro=1e-4", "use_barometer=true", "reset_s=10"]) == with_settings(
@@ -65,6 +66,9 @@ def test_the_last_assignment_counts() -> None:
         ("gyro=nan", "noise.gyro"),
         ("gyro=inf", "noise.gyro"),
         ("gyro=[1]", "noise.gyro"),
+        ("imu_rotation_deg=90", "vehicle.imu_rotation_deg"),
+        ("imu_rotation_deg=[0, 90]", "vehicle.imu_rotation_deg"),
+        ("imu_rotation_deg=[0, 0, 270]", "vehicle.imu_rotation_deg[2]"),
     ],
 )
 def test_a_wrong_assignment_is_named(assignment: str, named: str) -> None:

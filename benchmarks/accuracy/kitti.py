@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.accuracy.common import Array, Settings, cell, estimate, head, row
 from benchmarks.accuracy.sample_rows import gnss, heartbeats, imu, in_order_of_arrival
 from mavkf.config import Config, with_settings
-from mavkf.models.strapdown import DDELAY, DELAY, N
+from mavkf.models.strapdown import DDELAY, DELAY
 from mavkf.navigation import layout as L
 from mavkf.replay.export import columns
 from mavkf.replay.simulation.trajectory import ecef, geodetic
@@ -84,7 +84,7 @@ def measure(rows: Array, truth: Truth, config: Config, as_live: bool) -> dict[st
     def watch(live: VehicleStream, _: Step) -> None:
         if live.estimator is not None and live.estimator.setup is not None:
             s = live.estimator.state
-            course.append((s[L.T], s[L.X + DELAY], np.sqrt(s[L.P + DDELAY * N + DDELAY])))
+            course.append((s[L.T], s[L.X + DELAY], np.sqrt(L.covariance(s)[DDELAY, DDELAY])))
 
     session = estimate(rows, config, as_live, each=watch)
     pose = columns(session.output.poses)

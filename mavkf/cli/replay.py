@@ -143,9 +143,17 @@ def _check_outputs(log: Path, *outputs: Path | None) -> None:
 
 def _list_settings() -> int:
     for name, default, description in known_settings():
-        value = "" if default is None else str(default).lower() if isinstance(default, bool) else f"{default:g}"
-        print(f"{name} = {value or '(automatic)'}\n    {description}")
+        print(f"{name} = {_shown(default)}\n    {description}")
     return 0
+
+
+def _shown(default: Any) -> str:
+    """A default as it is written in TOML."""
+    if default is None:
+        return "(automatic)"
+    if isinstance(default, tuple):
+        return f"[{', '.join(map(_shown, default))}]"
+    return str(default).lower() if isinstance(default, bool) else f"{default:g}"
 
 
 @contextmanager

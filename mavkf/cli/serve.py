@@ -80,8 +80,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     if links and speed != 1.0:
         raise UsageError("--speed is for logs: live telemetry has its own pace")
 
-    from mavkf.publish.session import publishing_session
     from mavkf.navigation.setup import MODELS
+    from mavkf.publish.session import publishing_session
     from mavkf.replay.run import imu_source
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs

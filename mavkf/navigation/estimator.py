@@ -14,12 +14,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.config import Config
+from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.earth_field import earth_field
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
-from mavkf.samples import ARRIVAL, FIX, KIND, LATITUDE, LONGITUDE, ROW_WIDTH, SOURCE, TIME, Kind, Source
+from mavkf.samples import (
+    ACCEL,
+    ARRIVAL,
+    FIELD,
+    FIX,
+    GNSS_SOURCES,
+    GYRO,
+    IMU_SOURCES,
+    KIND,
+    LATITUDE,
+    LONGITUDE,
+    ROW_WIDTH,
+    SOURCE,
+    TIME,
+    Kind,
+    Source,
+)
 
 Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
@@ -37,25 +54,45 @@ class Output(msgspec.Struct):
 
 
 def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
-    """Which rows (n, ROW_WIDTH) the fold uses: the chosen source of each kind, and heartbeats."""
+    """Which rows (n, ROW_WIDTH) the fold gets: what is used or may have to be, all receivers, and heartbeats."""
     kind, source = rows[:, KIND], rows[:, SOURCE]
     use = kind == Kind.HEARTBEAT
-    for wanted, chosen in (
-        (Kind.IMU, setup.imu),
-        (Kind.GNSS, setup.gnss),
-        (Kind.MAGNETOMETER, setup.magnetometer),
-        (Kind.BAROMETER, setup.barometer),
+    for wanted, sources in (
+        (Kind.GNSS, GNSS_SOURCES),
+        (Kind.IMU, setup.imus),
+        (Kind.MAGNETOMETER, setup.magnetometers),
+        (Kind.BAROMETER, setup.barometers),
     ):
-        if chosen is not None:
-            use |= (kind == wanted) & (source == chosen)
+        use |= (kind == wanted) & np.isin(source, sources)
     chosen_rows: NDArray[np.bool_] = use & np.isfinite(rows[:, TIME])
     return chosen_rows
+
+
+def turn_sensors(rows: Array, rotation: tuple[float, float, float]) -> None:
+    """Turn what the IMU messages hold (n, ROW_WIDTH) from the sensor frame into the body, in place: v_b = C_bs v_s.
+
+    rotation: roll, pitch, yaw (rad) of the sensor frame in the body, ZYX. Right angles are exact, so that whole counts stay whole.
+    """
+    if not any(rotation):
+        return
+    q, C = np.empty(4), np.empty((3, 3))
+    quaternion_from_euler(*rotation, q)
+    rotation_matrix(q, C)
+    C = np.round(C, 15)
+    for kind, columns in ((Kind.IMU, (GYRO, ACCEL)), (Kind.MAGNETOMETER, (FIELD,))):
+        mine = (rows[:, KIND] == kind) & np.isin(rows[:, SOURCE], IMU_SOURCES)
+        for k in columns:
+            x, y, z = (rows[mine, k + i] for i in range(3))
+            for i in range(3):
+                # summed one by one: a matrix product's last bit depends on how many rows there are
+                rows[mine, k + i] = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z
 
 
 def to_events(rows: Array, setup: Setup, first_id: int) -> Array:
     """Events (n, EVENT_WIDTH) of selected rows: measured time in TIME, the earth's field beside each fix, running numbers."""
     events = np.full((rows.shape[0], L.EVENT_WIDTH), np.nan)
     events[:, :ROW_WIDTH] = rows
+    turn_sensors(events, setup.imu_rotation)
     for kind, delay in (
         (Kind.IMU, setup.imu_delay),
         (Kind.GNSS, setup.gnss_delay),

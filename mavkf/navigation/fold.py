@@ -26,15 +26,16 @@ from mavkf.navigation.plausible import (
     POLE,
     plausible,
 )
-from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
 from mavkf.navigation.propagation import coast, set_acceleration, step, untruncated, watch_samples
+from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
+from mavkf.navigation.sources import imu_in_use, in_use
 from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_class import use_airspeed, use_class
 from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
 from mavkf.navigation.use_magnetometer import use_magnetometer
-from mavkf.samples import BASE_MODE, KIND, TIME
+from mavkf.samples import BASE_MODE, KIND, SOURCE, TIME
 
 OUTAGE_AFTER = 2.0  # s without a fused position
 GIVE_UP_POSITION, GIVE_UP_VELOCITY = 300.0, 30.0  # m, m/s: one sigma at which position is not known any more
@@ -54,10 +55,12 @@ def choose_model(s, e, c, out):
         return
     if s[L.MODEL] == L.TELEMETRY:
         leave(s)
+    told = model == L.CONSTANT_VELOCITY or s[L.MODEL] == L.CONSTANT_VELOCITY
     s[L.MODEL] = model
     if model == L.TELEMETRY:
         enter(s, e, c)
-    note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, model, 0.0)
+    if told:
+        note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, model, 0.0)
 
 
 @compiled
@@ -83,7 +86,8 @@ def watch_position(s, out):
             0.0,
         )
         s[L.POSITION_KNOWN] = 0.0
-        s[L.FIX_COUNT] = 0.0
+        for k in range(L.RECEIVERS):
+            s[L.BOOKS + k * L.BOOK + L.F_COUNT] = 0.0
         s[L.OUTAGE] = 0.0
         if s[L.MODEL] == L.TELEMETRY:
             leave(s)
@@ -231,7 +235,7 @@ def fold(s, e, c, out):
         out[2][2] = 1  # what the second finds is not told
         fold_one(s[L.HALF :], e, c, out)
         out[2][2] = 0
-    if int(e[KIND]) == IMU_KIND:
+    if int(e[KIND]) == IMU_KIND and e[SOURCE] == s[L.IMU_SOURCE]:
         weigh_models(s, e, c, out)
 
 
@@ -239,14 +243,16 @@ def fold(s, e, c, out):
 def fold_one(s, e, c, out):
     """Take one event (EVENT_WIDTH,) into one half of the state (HALF,), in place.
 
-    c: parameters; out: innovation rows, note rows, their two counts and whether to keep silent (int64), the times of the last notes, the events on record.
+    c: parameters; out: innovation rows, note rows, their two counts and whether to keep
+    silent (int64), the times of the last notes, the events on record.
     Events must come in the order of `timeline.precedes`. Nothing is raised: what cannot be used is refused and recorded.
     """
     kind = int(e[KIND])
     if not plausible(e):
         s[L.IMPLAUSIBLE] += 1.0
     elif kind == IMU_KIND:
-        use_imu(s, e, c, out)
+        if imu_in_use(s, e, c, out):
+            use_imu(s, e, c, out)
     elif kind == HEARTBEAT_KIND:
         armed = 1.0 if int(e[BASE_MODE]) & ARMED_BIT else 0.0
         if armed != s[L.ARMED]:
@@ -256,6 +262,10 @@ def fold_one(s, e, c, out):
                 return
             code = NoteCode.ARMED if armed != 0.0 else NoteCode.DISARMED
             note(out, code, e[TIME], e[TIME], 0.0, 0.0, 0.0)
+    elif (kind == MAGNETOMETER_KIND and not in_use(s, e, L.FIELD_SOURCE, L.FIELD_LAST, L.FIELD_STANDBY)) or (
+        kind == BAROMETER_KIND and not in_use(s, e, L.PRESSURE_SOURCE, L.PRESSURE_LAST, L.PRESSURE_STANDBY)
+    ):
+        return
     else:
         flowing = math.isfinite(s[L.T_IMU]) and e[TIME] - s[L.T_IMU] <= max(c[Parameter.GAP], 3.0 * s[L.PERIOD])
         if flowing and int(s[L.PENDING_COUNT]) < L.PENDING_CAPACITY:

@@ -1,7 +1,7 @@
 """Judging and fusing one measurement, and the record that it leaves either way.
 
-`out` holds the output buffers: innovation rows, note rows, their two counts and whether to keep silent, the time of the last note of each code, and the numbers of
-the events on record: an event that is folded again after a late one does not tell its story twice.
+`out` holds the output buffers: innovation rows, note rows, their two counts and whether to keep silent, the time of the last note of
+each code, and the numbers of the events on record: an event that is folded again after a late one does not tell its story twice.
 """
 
 import math
@@ -15,7 +15,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter, Reason, Sensor
 from mavkf.samples import SOURCE
 
-SLOWEST_FOR_DELAY = 0.05  # s between IMU samples, above which the GNSS delay is not learnt
+SLOWEST_FOR_LEARNING = 0.05  # s between IMU samples, above which its own errors look like a delay or a wander of GNSS
 
 
 @compiled
@@ -65,6 +65,18 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
 
     r: (m,), H: (m, n), R: (m, m); `suspect`: a Reason against it, or Reason.FUSED.
     """
+    return judge_and_correct(s, e, c, out, sensor, r, H, R, R, False, suspect)
+
+
+@compiled
+def fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting):
+    """Judge one vector by R and fuse it with R_lasting: its errors last, so that many together tell less than each alone."""
+    return judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, True, Reason.FUSED)
+
+
+@compiled
+def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
+    """What `fuse` and `fuse_lasting` do; lasts: whether R_lasting is not R."""
     m = r.shape[0]
     P = L.covariance(s)
     PHt = np.empty((P.shape[0], m))
@@ -88,10 +100,14 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
     record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
     if reason != Reason.FUSED:
         return -1.0
+    if lasts:
+        innovation_covariance(P, H, R_lasting, PHt, S)
+        if not invert(S, inverse) > 0.0:
+            return -1.0
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
-    considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_DELAY else -1
-    correct(P, H, R, PHt, inverse, r, dx, considered, int(s[L.CORRECT_FROM]))
+    considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
+    correct(P, H, R_lasting, PHt, inverse, r, dx, considered, int(s[L.CORRECT_FROM]))
     retract(s[L.X : L.P], dx)
     return nis
 

@@ -46,18 +46,12 @@ _book = P + STATES_MOST * STATES_MOST
     NOISE_ACCEL,  # m^2/s^3
     ALIGN_START,
     ALIGN_COUNT,
-    FIX_COUNT,  # fixes in a row that agree, before the first position
-    T_FIX,  # last fix of the receiver, NaN: none
-    T_POSITION,  # last fused
-    T_VELOCITY,
+    T_FIX,  # last fix of any receiver, NaN: none
+    T_POSITION,  # last fused, of any receiver
     T_BAROMETER,
     T_MAGNETOMETER,
     T_FIELD,  # last heard, fused or not
     T_GRAVITY,
-    T_PREVIOUS_FIX,
-    REFUSED_SINCE,  # start of an unbroken run of refused positions, NaN: none
-    REFUSED_COUNT,
-    VELOCITY_REFUSED,  # velocities in a row
     ORIGIN_LATITUDE,
     ORIGIN_LONGITUDE,
     ORIGIN_HEIGHT,
@@ -75,7 +69,7 @@ _book = P + STATES_MOST * STATES_MOST
     T_REST,
     RESTING,  # 1: the vehicle stands still, so its attitude stays
     FIELD_REFUSED_SINCE,
-    SCALE_VELOCITY,  # learnt variance of the white part of the GNSS velocity, against what is claimed
+    SCALE_BARO,  # learnt variance of the barometer, against what is assumed
     SCALE_FIELD,  # learnt variance of the magnetometer, against what is assumed
     SCALE_WALK,  # learnt variance of the walk of the gyro bias, against what is assumed
     SCALE_DRIVE,  # learnt density that drives the rate of the telemetry model, against what the samples show
@@ -85,23 +79,56 @@ _book = P + STATES_MOST * STATES_MOST
     BANK_UPDATES,  # of the yaw bank, 0: it is not running
     BANK_SINCE,
     PENDING_COUNT,
-) = range(_book, _book + 63)
-IMU = _book + 63  # last sample: omega_b, f_b
+    UNKNOWN_LEVER,  # m: one sigma of the lever arm that the coloured error stands for, while the heading is not known
+    YAW_REFUSED_SINCE,  # start of an unbroken run of refused headings of the receiver, NaN: none
+    MAIN,  # source of the main GNSS receiver
+    IMU_SOURCE,  # of the IMU in use
+    FIELD_SOURCE,  # of the magnetometer in use
+    FIELD_LAST,  # when it was heard last, NaN: never
+    FIELD_STANDBY,  # values of another in a row since then
+    FIELD_USED,  # source of the last field that was taken, -1: none
+    PRESSURE_SOURCE,
+    PRESSURE_LAST,
+    PRESSURE_STANDBY,
+    PRESSURE_USED,
+) = range(_book, _book + 69)
+IMU = _book + 69  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
-FIX = ALIGN_SUM + 12  # last fix: latitude, longitude, height
-REFUSED = FIX + 3  # last refused fix: latitude, longitude, height, vn, ve
-FIELD = REFUSED + 5  # last magnetometer value, T
+FIELD = ALIGN_SUM + 12  # last magnetometer value, T
 ACCELERATION = FIELD + 3  # in n, m/s^2, at T
 COLOUR = ACCELERATION + 3  # one sigma of the coloured GNSS error, horizontal and vertical, m
-COLOUR_FLOOR = COLOUR + 2
-SCALE_POSITION = COLOUR_FLOOR + 2  # learnt variance of the white part of the GNSS position, horizontal and vertical
-LAST_INNOVATION = SCALE_POSITION + 2  # of the GNSS position, m
+COLOUR_TIME = COLOUR + 2  # s: how long that error lasts, horizontal and vertical
+COLOUR_FLOOR = COLOUR_TIME + 2
+LAST_INNOVATION = COLOUR_FLOOR + 2  # of the GNSS position, m
 LAST_VELOCITY = LAST_INNOVATION + 3  # of the horizontal GNSS velocity, m/s
-GUESSES, GUESS = 12, 10  # of the yaw bank: hypotheses, and numbers for each
-BANK = LAST_VELOCITY + 2
-_class = BANK + GUESSES * GUESS
+GNSS_SPEED = LAST_VELOCITY + 2  # horizontal velocity of the fixes, m/s, mean of some seconds
+GUESSES, GUESS = 12, 12  # of the yaw bank: hypotheses, and numbers for each
+BANK = GNSS_SPEED + 2
+IMUS = 6  # messages
+STANDBY = BANK + GUESSES * GUESS  # plausible samples in a row of an IMU that is not in use
+STANDBY_T = STANDBY + IMUS  # and its last one
+RECEIVERS = 4  # the book of each, in the order of `GNSS_SOURCES`, and in it:
+(
+    F_T,  # last 3D fix, NaN: none
+    F_T_BEFORE,  # the one before
+    F_SINCE,  # start of a time without a pause
+    F_COUNT,  # fixes in a row that agree, before the first position
+    F_T_POSITION,  # last fused
+    F_T_VELOCITY,
+    F_REFUSED_SINCE,  # start of an unbroken run of refused positions, NaN: none
+    F_REFUSED_COUNT,
+    F_VELOCITY_REFUSED,  # velocities in a row
+    F_SCALE_VELOCITY,  # learnt variance of the white part of the velocity, against what is claimed
+    F_SCALE_COLOUR,  # of the coloured part of the position, where it has no state
+) = range(11)
+F_SCALE_POSITION = 11  # of the white part of the position, horizontal and vertical
+F_FIX = 13  # last fix: latitude, longitude, height, vn, ve
+F_REFUSED = 18  # last refused fix, the same
+BOOK = 23
+BOOKS = STANDBY_T + IMUS
+_class = BOOKS + RECEIVERS * BOOK
 (
     T_CLASS,  # last use of what is known of the vehicle's class, NaN: none
     T_AIRSPEED,
@@ -110,8 +137,12 @@ _class = BANK + GUESSES * GUESS
 SCALE_CLASS = _class + 3  # learnt variance of that knowledge, against what is assumed: of two kinds
 MEAN_FORCE = SCALE_CLASS + 2  # f_b as measured, running mean
 LAST_CLASS = MEAN_FORCE + 3  # last innovations of the drag or of sideslip and airspeed
-SCALE_WIND = LAST_CLASS + 2  # learnt variance of the walk of the wind, against what is assumed
-CORRECT_FROM = SCALE_WIND + 1  # error states before this one are considered, not corrected, by what is fused now; else 0
+SCALE_LASTING = (
+    LAST_CLASS + 2
+)  # learnt variance of the walk of the wind, or of slip that lasts, against what is assumed
+CORRECT_FROM = (
+    SCALE_LASTING + 1
+)  # error states before this one are considered, not corrected, by what is fused now; else 0
 AIR_KNOWN = CORRECT_FROM + 1  # 1: the wind has been learnt in this flight
 PENDING = AIR_KNOWN + 1
 PENDING_CAPACITY = 32
@@ -165,7 +196,17 @@ class Parameter(IntEnum):
     COLOUR_VERTICAL = 37
     COMPARE_HZ = 38
     EVEN_HZ = 39
-    CLASS = 40  # of the vehicle, as far as it is used: 0 none, 1 rover, 2 wing, 3 rotors
+    ANTENNA_X = 40
+    ANTENNA_Y = 41
+    ANTENNA_Z = 42
+    ANTENNA_SIGMA = 43  # m, 0: its place is not estimated
+    USE_GNSS_YAW = 44
+    GNSS_YAW = 45
+    IMU_SOURCE = 46  # sources of what is used first
+    GNSS_SOURCE = 47
+    FIELD_SOURCE = 48
+    PRESSURE_SOURCE = 49
+    CLASS = 50  # of the vehicle, as far as it is used: 0 none, 1 rover, 2 wing, 3 rotors
 
 
 PARAMETERS = len(Parameter)
@@ -215,10 +256,11 @@ class Sensor(IntEnum):
     REST_RATE = 6
     GYRO = 7
     ACCELEROMETER = 8
-    WHEELS = 9
-    DRAG = 10
-    SIDESLIP = 11
-    AIRSPEED = 12
+    GNSS_YAW = 9
+    WHEELS = 10
+    DRAG = 11
+    SIDESLIP = 12
+    AIRSPEED = 13
 
 
 SENSORS = len(Sensor)
@@ -272,6 +314,11 @@ class NoteCode(IntEnum):
     MAGNETOMETER_RELEARNT = 11
     YAW_FROM_MOTION = 12
     VELOCITY_RESET = 13
+    YAW_FROM_GNSS = 14
+    RECEIVER_CHANGED = 15
+    IMU_CHANGED = 16
+    MAGNETOMETER_CHANGED = 17
+    BAROMETER_CHANGED = 18
 
 
 NOTE_CODES = len(NoteCode)

@@ -4,6 +4,7 @@ import math
 
 from mavkf.compiled import compiled
 from mavkf.navigation import layout as L
+from mavkf.navigation.layout import Parameter
 
 LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
 # Horizontally a drift must be followed while it happens; the height's error is mostly the atmosphere's, which takes its time.
@@ -14,6 +15,9 @@ MOST_WALK = 1e4  # times the variance: a bias that moves a hundred times faster
 UNCOLOURED = 0.1  # correlation that a white noise assumed too large makes by itself
 LEAST_SCALE, MOST_SCALE = 0.02, 25.0  # of a learnt variance against what is claimed
 LEAST_IMU_SCALE = 0.3  # the floor of the GNSS velocity's noise makes innovations small that do not speak for the IMU
+TIME_LEARNING = 0.2
+CALM = 0.4  # NIS per degree of freedom of fixes that wander less than assumed beyond doubt
+LONGEST_COLOUR = 5.0  # times the assumed time
 MOST_COLOUR = 8.0  # times the floor of the coloured sigma
 
 
@@ -25,8 +29,22 @@ def learn(scale, nis, m, share, least):
 
 
 @compiled
+def learn_colour_time(s, c, nis, S, axis, dt):
+    """Let the coloured error last longer where the fixes wander less than it would make them, after one NIS per degree of freedom.
+
+    Its sigma keeps its floor, since a constant part of it is not seen at all; what is seen is how fast it changes, of the variance
+    2 sigma^2 dt / tau from fix to fix, which is its share of S.
+    """
+    sigma, tau = s[L.COLOUR + axis], s[L.COLOUR_TIME + axis]
+    share = min(2.0 * sigma * sigma * dt / (tau * S), 1.0)
+    surprise = min(nis, 10.0) - CALM
+    least = c[Parameter.COLOUR_TIME]
+    s[L.COLOUR_TIME + axis] = min(max(tau * math.exp(-TIME_LEARNING * share * surprise), least), LONGEST_COLOUR * least)
+
+
+@compiled
 def learn_walk(s, r, variance):
-    """Let the gyro bias move faster while successive velocity innovations (2,) of this variance agree: something turns that it does not know.
+    """Let the gyro bias move faster while successive velocity innovations (2,) of this variance agree: something turns unseen.
 
     A gyro's bias may step (shock, temperature), and a slow sampling of a vibration shows a constant that is not there.
     """

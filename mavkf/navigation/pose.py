@@ -8,7 +8,8 @@ from mavkf.compiled import compiled
 from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, Q, V, offset
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Flag, ModeCode, Parameter
+from mavkf.navigation.layout import Flag, ModeCode
+from mavkf.navigation.receivers import book_of
 
 POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
 TILT_LIMIT, YAW_LIMIT = math.radians(10.0), math.radians(20.0)
@@ -34,7 +35,7 @@ def flags_of(s, c):
         flags |= 1 << Flag.NO_IMU.value
     if not s[L.T] - s[L.T_FIX] < RECENT:
         flags |= 1 << Flag.NO_GNSS.value
-    elif s[L.REFUSED_COUNT] > 0.0:
+    elif s[book_of(s[L.MAIN]) + L.F_REFUSED_COUNT] > 0.0:
         flags |= 1 << Flag.GNSS_REFUSED.value
     if not s[L.T] - s[L.T_FIELD] < RECENT:
         flags |= 1 << Flag.NO_MAGNETOMETER.value

@@ -7,6 +7,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models import constant_velocity, strapdown
 from mavkf.models.earth import gravity
+from mavkf.models.gnss import ANTENNA, DANTENNA, STATES_MOST
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import (
     BA,
@@ -30,6 +31,8 @@ from mavkf.models.strapdown import (
 )
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import Parameter
+from mavkf.navigation.receivers import begin_books
+from mavkf.navigation.sources import begin_sources
 from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
 from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
@@ -44,18 +47,16 @@ def begin(s, c):
     """Fill the state with the start of a session."""
     s[:] = 0.0
     s[L.X] = 1.0
-    s[L.STATES] = N
+    antenna = c[Parameter.ANTENNA_SIGMA] > 0.0
+    s[L.STATES] = STATES_MOST if antenna else N
     s[L.WANTED] = c[Parameter.MODEL]
     for i in (
         L.T,
         L.T_IMU,
         L.T_FIX,
         L.T_POSITION,
-        L.T_VELOCITY,
         L.T_BAROMETER,
         L.T_GRAVITY,
-        L.T_PREVIOUS_FIX,
-        L.REFUSED_SINCE,
         L.ORIGIN_LATITUDE,
         L.ORIGIN_LONGITUDE,
         L.ORIGIN_HEIGHT,
@@ -65,20 +66,23 @@ def begin(s, c):
         L.T_FIELD,
         L.REST_SINCE,
         L.FIELD_REFUSED_SINCE,
+        L.YAW_REFUSED_SINCE,
     ):
         s[i] = np.nan
     s[L.T_MAGNETOMETER] = -1.0
     s[L.T_REST] = -1.0
     s[L.ARMED] = -1.0
-    s[L.SCALE_VELOCITY] = 1.0
+    s[L.SCALE_BARO] = 1.0
     s[L.SCALE_FIELD] = 1.0
     s[L.SCALE_WALK] = 1.0
     s[L.SCALE_IMU] = 1.0
     s[L.SCALE_DRIVE] = 1.0
     s[L.SCALE_DRIVE + 1] = 1.0
     for i in range(2):
-        s[L.SCALE_POSITION + i] = 1.0
+        s[L.COLOUR_TIME + i] = c[Parameter.COLOUR_TIME]
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
+    begin_sources(s, c)
+    begin_books(s, c)
     s[L.RATE : L.RATE + 3] = np.nan
     P = L.covariance(s)
     for i in range(3):
@@ -91,6 +95,10 @@ def begin(s, c):
         P[DFIELD + i, DFIELD + i] = c[Parameter.EARTH_FIELD] ** 2
     P[DBARO, DBARO] = 1.0
     P[DDELAY, DDELAY] = c[Parameter.DELAY] ** 2
+    for i in range(3):
+        s[ANTENNA + i] = c[Parameter.ANTENNA_X + i]
+        if antenna:
+            P[DANTENNA + i, DANTENNA + i] = c[Parameter.ANTENNA_SIGMA] ** 2
     begin_class(s, c)
 
 
@@ -135,8 +143,8 @@ def propagate_covariance(P, Phi):
 def decay_colour(s, c, dt):
     """The coloured GNSS error falls off, and is renewed: e <- phi e, variance phi^2 P + (1 - phi^2) sigma^2 with phi = exp(-dt / tau)."""
     P = L.covariance(s)
-    phi = math.exp(-dt / c[Parameter.COLOUR_TIME])
     for i in range(3):
+        phi = math.exp(-dt / s[L.COLOUR_TIME + i // 2])
         s[GNSS + i] *= phi
         for j in range(P.shape[0]):
             P[DGNSS + i, j] *= phi

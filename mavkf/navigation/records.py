@@ -188,6 +188,20 @@ def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: f
                 {},
                 f"heading found from the motion: GNSS velocity and acceleration agree, known to {math.degrees(size):.1f} deg",
             )
+        case NoteCode.YAW_FROM_GNSS:
+            text = f"heading taken from the receiver's two antennas: turned by {math.degrees(size):.1f} deg"
+            return {"sigma_deg": math.degrees(a)}, text
+        case (
+            NoteCode.RECEIVER_CHANGED
+            | NoteCode.IMU_CHANGED
+            | NoteCode.MAGNETOMETER_CHANGED
+            | NoteCode.BAROMETER_CHANGED
+        ):
+            before, now = Source(int(a)).name, Source(int(b)).name
+            what = code.name.split("_")[0].lower().replace("imu", "IMU")
+            why = "silent or refused" if code is NoteCode.RECEIVER_CHANGED else "silent"
+            text = f"{now} is used as the {what} in place of {before}, {why} for {end - start:.1f} s"
+            return {"before": before, "now": now}, text
         case NoteCode.MAGNETOMETER_RELEARNT:
             return (
                 {},

@@ -12,8 +12,9 @@ from mavkf.errors import UsageError
 from mavkf.filters.chi_square import limit
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.navigation import layout as L
+from mavkf.navigation.classes import used_class
 from mavkf.navigation.layout import PARAMETERS, Parameter
-from mavkf.navigation.use_class import ROTORS, ROVER, WING
+from mavkf.navigation.reserves import BAROMETER_SOURCES, imus_with_reserve, with_reserve
 from mavkf.samples import (
     ACCEL,
     AUTOPILOT,
@@ -38,13 +39,6 @@ IMU_QUALITY = {
     Source.SCALED_IMU2: 0.7,
     Source.SCALED_IMU3: 0.6,
 }
-BAROMETER_ORDER = (
-    Source.SCALED_PRESSURE,
-    Source.HIGHRES_IMU,
-    Source.HIL_SENSOR,
-    Source.SCALED_PRESSURE2,
-    Source.SCALED_PRESSURE3,
-)
 # Delays of ArduPilot, s. GNSS: a fix is stamped at reception (AP_GPS), measured on its simulator and near u-blox's; IMU: two-pole
 # low-pass at 20 Hz (INS_ACCEL_FILTER, INS_GYRO_FILTER); magnetometer and barometer: sampled slower than sent, and held.
 DELAYS = {
@@ -53,25 +47,32 @@ DELAYS = {
     PX4: {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.05, "barometer": 0.0},
 }
 NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
+ANTENNA_TOLD, ANTENNA_UNTOLD = 0.05, 0.3  # m: one sigma of where the antenna is, configured or not
 MODELS = {"constant-velocity": L.CONSTANT_VELOCITY, "strapdown": L.STRAPDOWN, "telemetry": L.TELEMETRY}
-# MAV_TYPE to what is known of the class; a boat drifts, a VTOL's flight is of either kind.
-CLASSES = {10: ROVER, 1: WING, **dict.fromkeys((2, 3, 4, 13, 14, 15, 29, 35), ROTORS)}
+UNKNOWN = -1  # of a source
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
 
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """The choices for one session. Sources are None where nothing is known of them; rates are those of the first seconds, Hz.
 
-    imu_period: s, median between the samples of the first seconds; 0: no IMU. model: one of MODELS, to begin with;
+    imu, gnss, magnetometer, barometer: what is used first; imus, magnetometers, barometers: what the fold gets, since it
+    may have to take another when that falls silent.
+    imu_period: s, median between the samples of the first seconds; 0: no IMU. imu_rotation: roll, pitch, yaw
+    of the sensor frame in the body, rad. model: one of MODELS, to begin with;
     compare: whether the other of strapdown and telemetry is tried beside it while the IMU is slow.
     """
 
     imu: Source | None
+    imus: tuple[Source, ...]
     imu_rate_hz: float
     imu_period: float
+    imu_rotation: tuple[float, float, float]
     gnss: Source
     magnetometer: Source | None
+    magnetometers: tuple[Source, ...]
     barometer: Source | None
+    barometers: tuple[Source, ...]
     autopilot: int | None
     vehicle_type: int | None
     gnss_delay: float
@@ -89,7 +90,10 @@ def _rate(times: NDArray[np.float64]) -> float:
     return float((times.size - 1) / (times.max() - times.min()))
 
 
-def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[str]) -> tuple[Source | None, float]:
+def _choose_imu(
+    rows: NDArray[np.float64], forced: Source | None, reasons: list[str], broken: set[Source]
+) -> tuple[Source | None, float]:
+    """The best IMU message and its rate; those whose scale is wrong are added to `broken`."""
     rates: dict[Source, float] = {}
     imu = rows[rows[:, KIND] == Kind.IMU]
     for source in IMU_SOURCES:
@@ -101,6 +105,7 @@ def _choose_imu(rows: NDArray[np.float64], forced: Source | None, reasons: list[
         sizes = sizes[np.isfinite(sizes)]
         force = float(np.median(sizes)) / STANDARD_GRAVITY if sizes.size else 0.0
         if source is not forced and not PLAUSIBLE_FORCE[0] < force < PLAUSIBLE_FORCE[1]:
+            broken.add(source)
             reasons.append(
                 f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken"
             )
@@ -192,24 +197,33 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     Raises UsageError where the forced IMU is not there.
     """
     reasons: list[str] = []
-    source, rate = _choose_imu(rows, imu, reasons)
+    broken: set[Source] = set()
+    source, rate = _choose_imu(rows, imu, reasons, broken)
     autopilot = _latest(rows, AUTOPILOT)
     delays = DELAYS.get(autopilot, NO_DELAYS) if autopilot is not None else NO_DELAYS
     vehicle = config.vehicle
+    roll, pitch, yaw = vehicle.imu_rotation_deg
     chosen, compare = _choose_model(source, rate, config, model, reasons)
-    magnetometers = ([source] if source is not None else []) + list(IMU_SOURCES)
+    usable = {message: quality for message, quality in IMU_QUALITY.items() if message not in broken}
+    # one that starts later comes most likely in these messages
+    order = ([source] if source is not None else []) + list(IMU_SOURCES)
+    magnetometer = _first_of(rows, Kind.MAGNETOMETER, order, source)
+    barometer = _first_of(rows, Kind.BAROMETER, BAROMETER_SOURCES, Source.SCALED_PRESSURE)
 
     def delay(configured: float | None, name: str) -> float:
         return delays[name] if configured is None else configured
 
     return Setup(
         imu=source,
+        imus=imus_with_reserve(rows, source, imu is not None, usable),
         imu_rate_hz=rate,
         imu_period=_period(rows, source),
+        imu_rotation=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
         gnss=_choose_gnss(rows),
-        # one that starts later comes most likely in these messages
-        magnetometer=_first_of(rows, Kind.MAGNETOMETER, magnetometers, source),
-        barometer=_first_of(rows, Kind.BAROMETER, BAROMETER_ORDER, Source.SCALED_PRESSURE),
+        magnetometer=magnetometer,
+        magnetometers=with_reserve(rows, Kind.MAGNETOMETER, magnetometer, IMU_SOURCES),
+        barometer=barometer,
+        barometers=with_reserve(rows, Kind.BAROMETER, barometer, BAROMETER_SOURCES),
         autopilot=autopilot,
         vehicle_type=_latest(rows, VEHICLE_TYPE),
         gnss_delay=delay(vehicle.gnss_delay_s, "gnss"),
@@ -225,6 +239,8 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
 def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
     """The parameter array of the fold."""
     noise, gates = config.noise, config.gates
+    antenna = config.vehicle.gnss_antenna_b_m
+    antenna_sigma = ANTENNA_TOLD if any(antenna) else ANTENNA_UNTOLD
     declination = config.vehicle.magnetic_declination_deg
     values = {
         Parameter.MODEL: MODELS[setup.model],
@@ -255,10 +271,18 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.DELAY_WALK: noise.gnss_delay_walk,
         Parameter.TRUNCATION: float(setup.autopilot == ARDUPILOT),
         Parameter.REST: float(config.vehicle.use_rest),
-        Parameter.CLASS: CLASSES.get(setup.vehicle_type, 0.0)
-        if config.vehicle.use_class and setup.vehicle_type is not None
-        else 0.0,
+        Parameter.CLASS: used_class(setup.vehicle_type) if config.vehicle.use_class else 0.0,
         Parameter.USE_MOTION_YAW: float(config.vehicle.use_motion_yaw),
+        Parameter.ANTENNA_X: antenna[0],
+        Parameter.ANTENNA_Y: antenna[1],
+        Parameter.ANTENNA_Z: antenna[2],
+        Parameter.ANTENNA_SIGMA: antenna_sigma if config.vehicle.estimate_antenna else 0.0,
+        Parameter.IMU_SOURCE: float(UNKNOWN if setup.imu is None else setup.imu),
+        Parameter.GNSS_SOURCE: float(setup.gnss),
+        Parameter.FIELD_SOURCE: float(UNKNOWN if setup.magnetometer is None else setup.magnetometer),
+        Parameter.PRESSURE_SOURCE: float(UNKNOWN if setup.barometer is None else setup.barometer),
+        Parameter.USE_GNSS_YAW: float(config.vehicle.use_gnss_yaw),
+        Parameter.GNSS_YAW: math.radians(noise.gnss_yaw_deg),
         Parameter.ACCELERATION: noise.acceleration_m_s2,
         Parameter.ACCELERATION_TIME: noise.acceleration_time_s,
         Parameter.LIMIT_1: limit(gates.false_rejection, 1),

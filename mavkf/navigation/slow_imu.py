@@ -1,7 +1,5 @@
 """The telemetry model in the fold: rate and force as states, hand-over from and to the model that integrates the IMU."""
 
-import math
-
 import numpy as np
 
 from mavkf.compiled import compiled
@@ -16,7 +14,9 @@ from mavkf.navigation.propagation import add_noise, decay_colour, set_accelerati
 from mavkf.samples import ACCEL_RESOLUTION, GYRO_RESOLUTION
 
 RATE_TIME, FORCE_TIME = 10.0, 10.0  # s: how long a rate and an acceleration last of themselves
-BANDWIDTH = 40.0  # Hz: twice the low-pass of an autopilot's IMU (20 Hz), by which a noise density becomes a sample's variance
+BANDWIDTH = (
+    40.0  # Hz: twice the low-pass of an autopilot's IMU (20 Hz), by which a noise density becomes a sample's variance
+)
 LEAST_DRIVE, MOST_DRIVE = 0.05, 25.0  # of the learnt density that drives rate and force, against what the samples show
 
 
@@ -28,7 +28,7 @@ def white_part(square, product):
 
 @compiled
 def sample_variance(s, e, c, k):
-    """Variance of one axis of a sample as a measurement of what lasts: white part, noise density, whole counts; k: 0 gyro, 1 accelerometer."""
+    """Variance of an axis of a sample, as a measurement of what lasts: white part, density, counts; k: 0 gyro, 1 accelerometer."""
     resolution = e[GYRO_RESOLUTION] if k == 0 else e[ACCEL_RESOLUTION]
     white = white_part(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
     return white + c[Parameter.GYRO + k] ** 2 * BANDWIDTH + resolution * resolution / 12.0
@@ -153,6 +153,8 @@ def use_sample(s, e, c, out):
             for i in range(3):
                 P[error + i, error + i] += r[i] * r[i]
         fuse(s, e, c, out, Sensor.GYRO if k == 0 else Sensor.ACCELEROMETER, r, H, R, Reason.FUSED)
-        s[L.SCALE_DRIVE + k] = min(max(learn(s[L.SCALE_DRIVE + k], nis, 3, share, LEAST_DRIVE), LEAST_DRIVE), MOST_DRIVE)
+        s[L.SCALE_DRIVE + k] = min(
+            max(learn(s[L.SCALE_DRIVE + k], nis, 3, share, LEAST_DRIVE), LEAST_DRIVE), MOST_DRIVE
+        )
     for i in range(3):
         s[L.RATE + i] = s[OMEGA + i]

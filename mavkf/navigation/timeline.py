@@ -44,10 +44,15 @@ def in_order(events: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def publishes(e, newest_imu, c):
-    """Whether this event's arrival makes a pose: an IMU sample, or a fix while there is no IMU."""
-    kind = int(e[KIND])
-    return kind == IMU_KIND or (kind == GNSS_KIND and not e[TIME] - newest_imu <= c[Parameter.GAP])
+def is_lone_fix(e, newest_imu, c):
+    """Whether an event is a fix while there is no IMU: then its arrival makes a pose."""
+    return int(e[KIND]) == GNSS_KIND and not e[TIME] - newest_imu <= c[Parameter.GAP]
+
+
+@compiled
+def is_sample_in_use(s, e):
+    """Whether an event that was folded is a sample of the IMU in use: its arrival makes a pose."""
+    return int(e[KIND]) == IMU_KIND and e[SOURCE] == s[L.IMU_SOURCE]
 
 
 @compiled
@@ -76,10 +81,10 @@ def run_batch(s, events, first, c, rate, poses, out):
         if is_full(count, poses, out):
             break
         e = events[i]
-        makes_pose = publishes(e, s[L.T_IMU], c)
+        lone = is_lone_fix(e, s[L.T_IMU], c)
         fold(s, e, c, out)
         i += 1
-        if makes_pose and math.isfinite(s[L.T]):
+        if (lone or is_sample_in_use(s, e)) and math.isfinite(s[L.T]):
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > slot:
                 slot = now
@@ -158,10 +163,9 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
         if e[TIME] < marks[NEWEST] - window or e[TIME] <= marks[FORGOTTEN]:
             cursor[LATE] += 1
             continue
-        makes_pose = publishes(e, marks[NEWEST_IMU], c) and not e[TIME] <= marks[NEWEST_IMU]
+        newer = not e[TIME] <= marks[NEWEST_IMU]
+        makes_pose = newer and is_lone_fix(e, marks[NEWEST_IMU], c)
         marks[NEWEST] = max(marks[NEWEST], e[TIME])
-        if int(e[KIND]) == IMU_KIND and not e[TIME] <= marks[NEWEST_IMU]:
-            marks[NEWEST_IMU] = e[TIME]
         if cursor[EVENTS] >= events.shape[0]:
             marks[FORGOTTEN] = forget_old(events, snapshots, cursor)
         place = insert(events, cursor[EVENTS], e)
@@ -171,6 +175,9 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
             copy_state(snapshots[k], s)
             cursor[FOLDED] = k * STRIDE
         fold_to_end(s, events, snapshots, cursor, c, out)
+        if newer and is_sample_in_use(s, e):
+            marks[NEWEST_IMU] = e[TIME]
+            makes_pose = True
         if makes_pose and math.isfinite(s[L.T]):
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > cursor[LAST_SLOT]:

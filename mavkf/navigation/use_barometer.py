@@ -9,8 +9,12 @@ from mavkf.models import barometer
 from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse
-from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.learning import LEAST_SCALE, learn
+from mavkf.navigation.sources import changed
 from mavkf.samples import PRESSURE
+
+FLOOR = 0.2  # m: gusts and the rounding to whole counts
 
 
 @compiled
@@ -21,6 +25,9 @@ def use_barometer(s, e, c, out):
     if e[PRESSURE] <= 0.0 or (math.isfinite(s[L.T_BAROMETER]) and not s[L.T] > s[L.T_BAROMETER] + 1e-6):
         s[L.DUPLICATES] += 1.0
         return
+    if changed(s, e, out, NoteCode.BAROMETER_CHANGED, L.PRESSURE_USED, s[L.T_BAROMETER]):
+        s[L.BAROMETER_KNOWN] = 0.0
+        s[L.SCALE_BARO] = 1.0
     x = s[L.X : L.P]
     P = L.covariance(s)
     height = barometer.pressure_height(e[PRESSURE])
@@ -40,5 +47,8 @@ def use_barometer(s, e, c, out):
     R = np.empty((1, 1))
     r[0] = height - barometer.predict(x)
     barometer.jacobian(H)
-    R[0, 0] = sigma * sigma
-    fuse(s, e, c, out, Sensor.BAROMETER, r, H, R, Reason.FUSED)
+    R[0, 0] = max(sigma * sigma * s[L.SCALE_BARO], FLOOR**2)
+    S = R[0, 0] + P[POS + 2, POS + 2] - 2.0 * P[POS + 2, DBARO] + P[DBARO, DBARO]
+    nis = fuse(s, e, c, out, Sensor.BAROMETER, r, H, R, Reason.FUSED)
+    if nis >= 0.0:
+        s[L.SCALE_BARO] = learn(s[L.SCALE_BARO], nis, 1, R[0, 0] / S, LEAST_SCALE)

@@ -1,8 +1,8 @@
 """What is known of the vehicle's class in the fold: wheels do not slip, rotors drag, wings fly nose first.
 
 The error of such knowledge lasts: a car that slips does so for a bend, a gust for seconds. A sequence of errors of variance sigma^2 with
-correlation phi from one to the next holds as much information as independent ones of variance sigma^2 (1 + phi) / (1 - phi), so that is
-what is told to the filter.
+correlation phi from one to the next holds as much information as independent ones of variance sigma^2 (1 + phi) / (1 - phi): it is judged
+by the first and fused with the second.
 """
 
 import math
@@ -16,8 +16,8 @@ from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import HEIGHT, Q, V
 from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
 from mavkf.navigation import layout as L
-from mavkf.navigation.fusing import fuse
-from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.navigation.fusing import fuse_lasting
+from mavkf.navigation.layout import Parameter, Sensor
 from mavkf.navigation.learning import learn
 from mavkf.samples import DIFFERENTIAL_PRESSURE, PRESSURE
 
@@ -28,6 +28,7 @@ ROUGH, ROUGH_VERTICAL = 0.05, 0.1  # m/s: ground and suspension
 FLEX = 3e-3  # rad: of mounting and body, times the speed
 TYRE = 0.07  # rad of slip, or of the body's roll and pitch on its springs, for each g
 BEND = 1.0  # s: how long a bend or braking lasts
+ROLLING = 1.0  # m/s: one that stands says nothing of how its wheels hold
 # Air. A wind of a usual day, and how fast its mean changes for what moves through it: 1 m/s in 45 s.
 WIND_SIGMA, WIND_WALK = 5.0, 0.15  # m/s, m/s/sqrt(s)
 WIND_KNOWN = 2.0  # m/s: one sigma of an axis, by which the air has become a sensor
@@ -42,8 +43,12 @@ LEAST_AIRSPEED = 6.0  # m/s: a pitot tube shows nothing useful below
 ABOVE_GROUND, MOVING = 3.0, 3.0  # m, m/s
 LEAST_ROVER_SCALE, LEAST_AIR_SCALE = 0.3, 0.2  # what lingers is not seen in the innovations
 SLOW = 0.125  # s between IMU samples: from here on air knows more of the attitude than the gyro does
-WIND_LEARNING, LEAST_WIND, MOST_WIND = 0.1, 0.25, 25.0  # of the variance of the wind's walk against what is assumed
-WIND_UNCORRELATED = 0.05  # correlation that a white noise assumed too large makes by itself
+LASTING_LEARNING, LEAST_WIND, MOST_LASTING = (
+    0.1,
+    0.25,
+    25.0,
+)  # of the variance of the wind's walk against what is assumed, or of slip
+UNCORRELATED = 0.05  # correlation that a white noise assumed too large makes by itself
 ROVER, WING, ROTORS = 1.0, 2.0, 3.0  # values of Parameter.CLASS
 
 
@@ -61,7 +66,7 @@ def begin_class(s, c):
         for j in range(n):
             P[i, j] = old[i, j]
     s[L.T_CLASS] = np.nan
-    s[L.SCALE_WIND] = 1.0
+    s[L.SCALE_LASTING] = 1.0
     s[L.T_AIRSPEED] = np.nan
     s[L.ARMED_HEIGHT] = np.nan
     for i in range(2):
@@ -122,7 +127,7 @@ def use_class(s, e, c, out):
         return
     P = L.covariance(s)
     for i in range(2):
-        P[DWIND + i, DWIND + i] += WIND_WALK**2 * s[L.SCALE_WIND] * dt
+        P[DWIND + i, DWIND + i] += WIND_WALK**2 * s[L.SCALE_LASTING] * dt
     if c[Parameter.CLASS] == ROTORS:
         use_drag(s, e, c, out, C, dt)
     else:
@@ -143,15 +148,16 @@ def teach(s, k, r, H, row, variance, least):
 
 
 @compiled
-def teach_wind(s, k, r, variance):
-    """Let the wind change faster while successive innovations of this variance agree, more slowly while they contradict each other."""
+def teach_lasting(s, k, r, variance, least):
+    """Let the wind change faster, or a rover's slip last longer, while successive innovations of this variance agree; else the contrary."""
     rho = min(max(r * s[L.LAST_CLASS + k] / variance, -3.0), 3.0)
     s[L.LAST_CLASS + k] = r
-    s[L.SCALE_WIND] = min(max(s[L.SCALE_WIND] * math.exp(WIND_LEARNING * (rho - WIND_UNCORRELATED)), LEAST_WIND), MOST_WIND)
+    scale = s[L.SCALE_LASTING] * math.exp(LASTING_LEARNING * (rho - UNCORRELATED))
+    s[L.SCALE_LASTING] = min(max(scale, least), MOST_LASTING)
 
 
 @compiled
-def fuse_air(s, e, c, out, sensor, r, H, R):
+def fuse_air(s, e, c, out, sensor, r, H, R, R_lasting):
     """Fuse what the air says: into wind and drag alone until the wind is known, and while GNSS and a fast IMU know the motion better.
 
     Else into everything. What is not corrected counts with its uncertainty, so that all stays ready for an outage.
@@ -161,7 +167,7 @@ def fuse_air(s, e, c, out, sensor, r, H, R):
         s[L.AIR_KNOWN] = 1.0
     if s[L.OUTAGE] == 0.0 and (s[L.AIR_KNOWN] == 0.0 or s[L.PERIOD] < SLOW):
         s[L.CORRECT_FROM] = DCLASS
-    fuse(s, e, c, out, sensor, r, H, R, Reason.FUSED)
+    fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting)
     s[L.CORRECT_FROM] = 0.0
 
 
@@ -172,6 +178,7 @@ def use_wheels(s, e, c, out, C, dt):
     h = np.empty(2)
     H = np.empty((2, int(s[L.STATES])))
     R = np.zeros((2, 2))
+    R_lasting = np.zeros((2, 2))
     omega = s[L.RATE : L.RATE + 3]
     model.predict_slip(x, C, omega, h)
     model.slip_jacobian(x, C, omega, H)
@@ -184,9 +191,12 @@ def use_wheels(s, e, c, out, C, dt):
         slip = TYRE * a / STANDARD_GRAVITY * speed
         rough = ROUGH if i == 0 else ROUGH_VERTICAL
         white = rough * rough + (FLEX * speed) ** 2
-        R[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
-        teach(s, i, r[i], H, i, s[L.SCALE_CLASS + i] * (white + slip * slip), LEAST_ROVER_SCALE)
-    fuse(s, e, c, out, Sensor.WHEELS, r, H, R, Reason.FUSED)
+        R[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip)
+        lasting = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
+        if speed > ROLLING:
+            teach_lasting(s, i, r[i], teach(s, i, r[i], H, i, R[i, i], LEAST_ROVER_SCALE), 1.0)
+        R_lasting[i, i] = lasting * s[L.SCALE_LASTING]
+    fuse_lasting(s, e, c, out, Sensor.WHEELS, r, H, R, R_lasting)
 
 
 @compiled
@@ -198,6 +208,7 @@ def use_drag(s, e, c, out, C, dt):
     h = np.empty(2)
     H = np.empty((2, int(s[L.STATES])))
     R = np.zeros((2, 2))
+    R_lasting = np.zeros((2, 2))
     is_state = s[L.MODEL] == L.TELEMETRY
     model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
     model.specific_force(x, s[L.MEAN_FORCE : L.MEAN_FORCE + 3], is_state, f)
@@ -218,10 +229,11 @@ def use_drag(s, e, c, out, C, dt):
     r = np.empty(2)
     for i in range(2):
         r[i] = -h[i]
-        R[i, i] = k * k * (gust + misfit * inflation(dt, MISFIT_TIME)) + white
+        R[i, i] = k * k * (gust + misfit) + white
+        R_lasting[i, i] = k * k * (gust + misfit * inflation(dt, MISFIT_TIME)) + white
     for i in range(2):
-        teach_wind(s, i, r[i], teach(s, 0, r[i], H, i, k * k * (gust + misfit) + white, LEAST_AIR_SCALE))
-    fuse_air(s, e, c, out, Sensor.DRAG, r, H, R)
+        teach_lasting(s, i, r[i], teach(s, 0, r[i], H, i, R[i, i], LEAST_AIR_SCALE), LEAST_WIND)
+    fuse_air(s, e, c, out, Sensor.DRAG, r, H, R, R_lasting)
 
 
 @compiled
@@ -245,8 +257,8 @@ def use_sideslip(s, e, c, out, C, dt):
     r[0] = -model.predict_sideslip(x, u)
     gust = s[L.SCALE_CLASS] * GUST**2
     R[0, 0] = gust
-    teach_wind(s, 0, r[0], teach(s, 0, r[0], H, 0, gust, LEAST_AIR_SCALE))
-    fuse_air(s, e, c, out, Sensor.SIDESLIP, r, H, R)
+    teach_lasting(s, 0, r[0], teach(s, 0, r[0], H, 0, gust, LEAST_AIR_SCALE), LEAST_WIND)
+    fuse_air(s, e, c, out, Sensor.SIDESLIP, r, H, R, R)
 
 
 @compiled
@@ -274,5 +286,5 @@ def use_airspeed(s, e, c, out):
     r[0] = shown - model.predict_airspeed(x, u)
     gust = s[L.SCALE_CLASS + 1] * GUST_ALONG**2
     R[0, 0] = gust
-    teach_wind(s, 1, r[0], teach(s, 1, r[0], H, 0, gust, LEAST_AIR_SCALE))
-    fuse_air(s, e, c, out, Sensor.AIRSPEED, r, H, R)
+    teach_lasting(s, 1, r[0], teach(s, 1, r[0], H, 0, gust, LEAST_AIR_SCALE), LEAST_WIND)
+    fuse_air(s, e, c, out, Sensor.AIRSPEED, r, H, R, R)

@@ -20,6 +20,7 @@ REST_PERIOD = 0.2  # s between updates at rest
 REST_AFTER = 1.0  # s without a sign of motion
 # Signs of motion: a gust on the parked vehicle stays below, rotors do not. rad/s, (rad/s)^2 and (m/s^2)^2 of sample differences per axis.
 REST_RATE, REST_GYRO, REST_ACCEL = 0.03, 0.01**2, 0.15**2
+REST_DRIFT_SPEED = 0.3  # m/s: mean of the receiver over seconds, beyond what its noise and wander show at rest
 REST_VELOCITY = 0.02  # m/s
 REST_GYRO_NOISE = 1e-3  # rad/s
 REST_COUNTS = 300.0  # updates in which the rounding to whole counts stays the same
@@ -71,7 +72,8 @@ def rest(s, e, c, out, gyro, accel):
     rate = 0.0
     for i in range(3):
         rate += s[L.RATE + i] ** 2
-    moving = s[L.ARMED] != 0.0 or not rate < REST_RATE**2 or not gyro < REST_GYRO or not accel < REST_ACCEL
+    drifts = math.hypot(s[L.GNSS_SPEED], s[L.GNSS_SPEED + 1]) > REST_DRIFT_SPEED
+    moving = drifts or s[L.ARMED] != 0.0 or not rate < REST_RATE**2 or not gyro < REST_GYRO or not accel < REST_ACCEL
     if moving or not math.isfinite(s[L.REST_SINCE]):
         s[L.REST_SINCE] = s[L.T] if not moving else np.nan
         s[L.RESTING] = 0.0

@@ -13,6 +13,7 @@ from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
 from mavkf.navigation.learning import learn
+from mavkf.navigation.sources import changed
 from mavkf.samples import FIELD, TIME
 
 PERIOD = 0.08  # s between updates: the field's error is the same in samples closer together
@@ -21,11 +22,12 @@ STRENGTH_MINIMUM, STRENGTH_MAXIMUM = (
     9e-5,
 )  # T: outside is not the earth's field (0.22 to 0.67 gauss) however disturbed
 YAW_START = 0.5  # rad: one sigma of the first heading, before the field as a vector says how good it is
-AGE_JITTER = 0.02  # s: how well the age of the field is known
+AGE_JITTER = 0.01  # s: how well the age of the field is known
 TURN = 1.0  # s: how long a turn lasts
 HELD = 0.1  # s: what a slow link shows has been held for up to a period of the sensor; ArduPilot reads it at 10 Hz
-LEAST_FIELD_SCALE = 1.0  # a disturbance that lingers is not seen in the innovations, so the noise is only learnt upward
+LEAST_FIELD_SCALE = 0.7  # a disturbance that lingers is not seen in the innovations, so the noise is only learnt upward
 RELEARN_AFTER = 5.0  # s of refusals, after which the vehicle's own field is taken to have changed
+SLOW = 0.2  # s between IMU samples: with a slower one it is the heading that is lost when the field disagrees
 RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
 
 
@@ -34,6 +36,13 @@ def use_magnetometer(s, e, c, out):
     """Fuse a field that has changed; before yaw is known the bearing of the levelled field gives it."""
     if s[L.ALIGNED] == 0.0 or c[Parameter.USE_MAGNETOMETER] == 0.0:
         return
+    if changed(s, e, out, NoteCode.MAGNETOMETER_CHANGED, L.FIELD_USED, s[L.T_FIELD]):
+        # another instrument: what the vehicle does to it is not known
+        for i in range(3):
+            s[IRON + i] = 0.0
+        forget(s, DIRON, 3, c[Parameter.IRON] ** 2)
+        s[L.SCALE_FIELD] = 1.0
+        s[L.FIELD_REFUSED_SINCE] = np.nan
     mx, my, mz = e[FIELD], e[FIELD + 1], e[FIELD + 2]
     k = L.FIELD
     s[L.T_FIELD] = e[TIME]
@@ -88,12 +97,16 @@ def use_magnetometer(s, e, c, out):
     elif not math.isfinite(s[L.FIELD_REFUSED_SINCE]):
         s[L.FIELD_REFUSED_SINCE] = s[L.T]
     elif s[L.T] - s[L.FIELD_REFUSED_SINCE] > RELEARN_AFTER and not disturbed:
+        since_when = s[L.FIELD_REFUSED_SINCE]
+        s[L.FIELD_REFUSED_SINCE] = np.nan
+        if s[L.PERIOD] > SLOW:
+            first_heading(s, C, mx - x[IRON], my - x[IRON + 1], mz - x[IRON + 2], out)
+            return
         size = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-        note(out, NoteCode.MAGNETOMETER_RELEARNT, s[L.FIELD_REFUSED_SINCE], s[L.T], size, 0.0, 0.0)
+        note(out, NoteCode.MAGNETOMETER_RELEARNT, since_when, s[L.T], size, 0.0, 0.0)
         for i in range(3):
             x[IRON + i] += r[i]
             forget(s, DIRON + i, 1, RELEARN**2)
-        s[L.FIELD_REFUSED_SINCE] = np.nan
 
 
 @compiled

@@ -13,30 +13,37 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
+from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix, wrap_angle
-from mavkf.models.strapdown import BA, Q
+from mavkf.models.strapdown import BA, THETA, Q, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import note
 from mavkf.navigation.layout import NoteCode, Parameter
-from mavkf.samples import SIGMA_SPEED, VELOCITY_E, VELOCITY_N
+from mavkf.navigation.receivers import white_variance
+from mavkf.samples import HEIGHT_AMSL, SIGMA_SPEED, TIME, VELOCITY_E, VELOCITY_N
+from mavkf.samples import LATITUDE as FIX_LATITUDE
+from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 ACCELERATION_NOISE = 0.3  # m/s^2/sqrt(Hz): a tilt of two degrees, lasting a second
+TILT_TIME = 1.0  # s
 HEADING_NOISE = 5e-3  # rad/sqrt(s): what an unknown gyro bias turns
 CERTAIN = math.radians(10.0)  # one sigma, at which the bank becomes one filter
 LEAST_UPDATES = 10
-VN, VE, PSI, P00, P01, P02, P11, P12, P22, WEIGHT = range(10)  # columns of a hypothesis; WEIGHT is a logarithm
+LONGEST_WAY = 3.0  # s between fixes without a velocity
+# Columns of a hypothesis: velocity, heading, their covariance, weight (a logarithm), and what was covered since the last fix, m
+VN, VE, PSI, P00, P01, P02, P11, P12, P22, WEIGHT, DN, DE = range(12)
 
 
 @compiled
-def begin_bank(s, e, c):
-    """Spread the guesses evenly over the circle."""
+def begin_bank(s, v):
+    """Spread the guesses evenly over the circle, each with the velocity v (2,)."""
     bank = s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
     width = 2.0 * math.pi / L.GUESSES
     for i in range(L.GUESSES):
         for j in range(L.GUESS):
             bank[i, j] = 0.0
-        bank[i, VN], bank[i, VE] = e[VELOCITY_N], e[VELOCITY_E]
+        bank[i, VN], bank[i, VE] = v[0], v[1]
         bank[i, PSI] = -math.pi + (i + 0.5) * width
         bank[i, P00] = 0.5**2
         bank[i, P11] = 0.5**2
@@ -50,6 +57,10 @@ def predict_bank(s, imu0, imu1, dt):
     """Advance every guess by dt (s) with the samples (6,) at both ends."""
     C = np.empty((3, 3))
     rotation_matrix(s[Q : Q + 4], C)
+    # a wrong tilt is an acceleration that lasts
+    P = L.covariance(s)
+    tilt = STANDARD_GRAVITY**2 * max(P[THETA, THETA], P[THETA + 1, THETA + 1]) * TILT_TIME
+    noise = ACCELERATION_NOISE**2 + tilt
     an, ae = 0.0, 0.0
     for j in range(3):
         f = 0.5 * (imu0[3 + j] + imu1[3 + j]) - s[BA + j]
@@ -60,14 +71,16 @@ def predict_bank(s, imu0, imu1, dt):
         b = bank[i]
         cos, sin = math.cos(b[PSI]), math.sin(b[PSI])
         north, east = cos * an - sin * ae, sin * an + cos * ae
+        b[DN] += (b[VN] + 0.5 * north * dt) * dt
+        b[DE] += (b[VE] + 0.5 * east * dt) * dt
         b[VN] += north * dt
         b[VE] += east * dt
         # dv/dpsi = (-a_E, a_N) dt
         fn, fe = -east * dt, north * dt
         p02, p12, p22 = b[P02], b[P12], b[P22]
-        b[P00] += 2.0 * fn * p02 + fn * fn * p22 + ACCELERATION_NOISE**2 * dt
+        b[P00] += 2.0 * fn * p02 + fn * fn * p22 + noise * dt
         b[P01] += fn * p12 + fe * p02 + fn * fe * p22
-        b[P11] += 2.0 * fe * p12 + fe * fe * p22 + ACCELERATION_NOISE**2 * dt
+        b[P11] += 2.0 * fe * p12 + fe * fe * p22 + noise * dt
         b[P02] += fn * p22
         b[P12] += fe * p22
         b[P22] += HEADING_NOISE**2 * dt
@@ -97,22 +110,47 @@ def weigh(b, r0, r1, variance):
 
 
 @compiled
-def use_bank(s, e, c, out):
-    """Weigh the guesses by a fix's velocity; where they agree well enough, turn the attitude to their mean."""
+def seen_velocity(s, e, c, b, v):
+    """Fill v (2,) with the velocity of a fix, or, where it has none, with that of the way since the last one; returns its variance.
+
+    Zero is returned where there is neither. b: the receiver's book.
+    """
+    if math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E]):
+        v[0], v[1] = e[VELOCITY_N], e[VELOCITY_E]
+        sigma = max(e[SIGMA_SPEED] if e[SIGMA_SPEED] > 0.0 else c[Parameter.SPEED], 2.0 * c[Parameter.SPEED_FLOOR])
+        return sigma * sigma + (c[Parameter.COURSE] / (1.0 + math.hypot(v[0], v[1]))) ** 2
+    dt = e[TIME] - s[b + L.F_T_BEFORE]
+    if not 0.0 < dt < LONGEST_WAY:
+        return 0.0
+    k = b + L.F_FIX
+    d = np.empty(3)
+    offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[k], s[k + 1], s[k + 2], d)
+    v[0], v[1] = d[0] / dt, d[1] / dt
+    return 2.0 * white_variance(s, e, c, b, False) / (dt * dt) + c[Parameter.SPEED_FLOOR] ** 2
+
+
+@compiled
+def use_bank(s, e, c, out, b):
+    """Weigh the guesses by a fix's velocity; where they agree well enough, turn the attitude to their mean. b: the receiver's book."""
     if s[L.YAW_KNOWN] != 0.0 or s[L.ALIGNED] == 0.0 or c[Parameter.USE_MOTION_YAW] == 0.0:
         return
-    if not (math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])) or s[L.RESTING] != 0.0:
+    v = np.zeros(2)
+    variance = seen_velocity(s, e, c, b, v)
+    if variance == 0.0 or s[L.RESTING] != 0.0:
         s[L.BANK_UPDATES] = 0.0
         return
     if s[L.BANK_UPDATES] == 0.0:
-        begin_bank(s, e, c)
+        begin_bank(s, v)
         return
-    sigma = max(e[SIGMA_SPEED] if e[SIGMA_SPEED] > 0.0 else c[Parameter.SPEED], 2.0 * c[Parameter.SPEED_FLOOR])
-    variance = sigma * sigma + (c[Parameter.COURSE] / (1.0 + math.hypot(e[VELOCITY_N], e[VELOCITY_E]))) ** 2
+    way = not math.isfinite(e[VELOCITY_N])
+    dt = e[TIME] - s[b + L.F_T_BEFORE]
     bank = s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
     best = -np.inf
     for i in range(L.GUESSES):
-        weigh(bank[i], e[VELOCITY_N] - bank[i, VN], e[VELOCITY_E] - bank[i, VE], variance)
+        north = bank[i, DN] / dt if way else bank[i, VN]
+        east = bank[i, DE] / dt if way else bank[i, VE]
+        weigh(bank[i], v[0] - north, v[1] - east, variance)
+        bank[i, DN], bank[i, DE] = 0.0, 0.0
         best = max(best, bank[i, WEIGHT])
     total, cos, sin = 0.0, 0.0, 0.0
     for i in range(L.GUESSES):

@@ -86,8 +86,14 @@ def rows_of(kind: Kind, source: Source, t: Array, latency: Array | float, delay:
     return rows
 
 
-def session(duration: float = 40.0, seed: int = 0, yaw0: float = 0.4, rate: float = 100.0) -> Array:
-    """Rows of all sensors in the order of arrival. The fix is stamped 0.2 s after it was measured."""
+def session(
+    duration: float = 40.0,
+    seed: int = 0,
+    yaw0: float = 0.4,
+    rate: float = 100.0,
+    antenna: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Array:
+    """Rows of all sensors in the order of arrival. The fix is stamped 0.2 s after it was measured, at the antenna (m from the IMU in b)."""
     random = np.random.default_rng(seed)
     t = 100.0 + np.arange(0.0, duration, 1.0 / rate)
     parts = []
@@ -104,13 +110,16 @@ def session(duration: float = 40.0, seed: int = 0, yaw0: float = 0.4, rate: floa
 
     t = 100.013 + np.arange(0.2, duration - 0.3, 0.2)
     m = motion(t - 100.0, yaw0)
+    ahead = motion(t - 100.0 + 0.01, yaw0)
+    arm = m.C_nb @ antenna
+    swing = (ahead.C_nb @ antenna - arm) / 0.01
     gnss = rows_of(Kind.GNSS, Source.GPS_RAW_INT, t, random.uniform(0.0, 0.3, t.size), 0.2)
-    p = m.p + random.normal(size=m.p.shape) * [0.8, 0.8, 1.2]
+    p = m.p + arm + random.normal(size=m.p.shape) * [0.8, 0.8, 1.2]
     gnss[:, FIX] = 3
     gnss[:, LATITUDE] = ORIGIN[0] + p[:, 0] / RADII[0]
     gnss[:, LONGITUDE] = ORIGIN[1] + p[:, 1] / RADII[1] / np.cos(ORIGIN[0])
     gnss[:, HEIGHT_AMSL] = ORIGIN[2] - p[:, 2]
-    gnss[:, VELOCITY_N : VELOCITY_N + 3] = m.v + 0.15 * random.normal(size=m.v.shape)
+    gnss[:, VELOCITY_N : VELOCITY_N + 3] = m.v + swing + 0.15 * random.normal(size=m.v.shape)
     gnss[:, SIGMA_HORIZONTAL], gnss[:, SIGMA_VERTICAL], gnss[:, SIGMA_SPEED] = 0.8, 1.2, 0.15
     parts.append(gnss)
 
@@ -159,3 +168,43 @@ def differences(a: Array, b: Array) -> list[int]:
     """Where two states (STATE_SIZE,) differ in any bit; the running numbers and arrival stamps of waiting events left out."""
     which = np.flatnonzero(a.view(np.uint64) != b.view(np.uint64))
     return [int(i) for i in which if i < L.PENDING or (i - L.PENDING) % L.EVENT_WIDTH not in (L.EVENT_ID, ARRIVAL)]
+
+
+def second_receiver(duration: float = 40.0, seed: int = 50, source: Source = Source.GPS2_RAW, **options) -> Array:
+    """Rows of another receiver, with errors of its own, measured 0.07 s after the first one's."""
+    rows = session(duration, seed, **options)
+    rows = rows[rows[:, KIND] == Kind.GNSS]
+    moved = motion(rows[:, TIME] + 0.07 - 0.2 - 100.0, options.get("yaw0", 0.4))
+    there = motion(rows[:, TIME] - 0.2 - 100.0, options.get("yaw0", 0.4))
+    step = moved.p - there.p
+    rows[:, LATITUDE] += step[:, 0] / RADII[0]
+    rows[:, LONGITUDE] += step[:, 1] / RADII[1] / np.cos(ORIGIN[0])
+    rows[:, HEIGHT_AMSL] -= step[:, 2]
+    rows[:, VELOCITY_N : VELOCITY_N + 3] += moved.v - there.v
+    rows[:, TIME] += 0.07
+    rows[:, ARRIVAL] += 0.07e6
+    rows[:, SOURCE] = source
+    return rows
+
+
+def copied(rows: Array, kind: Kind, source: Source, every: int = 1, later: float = 0.001) -> Array:
+    """Every so-manieth row of a kind, once more from another source."""
+    copy = rows[rows[:, KIND] == kind][::every].copy()
+    copy[:, SOURCE] = source
+    copy[:, TIME] += later
+    copy[:, ARRIVAL] += later * 1e6
+    return copy
+
+
+def merged(*parts: Array) -> Array:
+    """Rows of several senders in the order of arrival."""
+    rows = np.concatenate(parts)
+    return rows[np.argsort(rows[:, ARRIVAL], kind="stable")]
+
+
+def without(rows: Array, source: Source, start: float, end: float = np.inf, kind: Kind | None = None) -> Array:
+    """Rows without those of a source (and kind) between two boot times."""
+    gone = (rows[:, SOURCE] == source) & (rows[:, TIME] > start) & (rows[:, TIME] < end)
+    if kind is not None:
+        gone &= rows[:, KIND] == kind
+    return rows[~gone]

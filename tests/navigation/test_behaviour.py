@@ -80,7 +80,7 @@ def test_a_wild_fix_is_refused_recorded_and_moves_nothing(rows: Array, batch: Of
 
     assert np.abs(ned(output.poses) - ned(run(rows)[1].poses)).max() < 0.5
     assert not notes(output, NoteCode.POSITION_RESET).size
-    assert estimator.state[L.REFUSED_COUNT] == 0.0
+    assert estimator.state[L.BOOKS + L.F_REFUSED_COUNT] == 0.0
 
 
 @pytest.mark.parametrize("jump", [60.0, 400.0])
@@ -126,7 +126,7 @@ def test_an_outage_is_told_grows_sigma_and_ends(rows: Array) -> None:
     assert np.all(flagged(during, Flag.NO_GNSS))
     grown = sigma[(t > 118.5) & (t < 129.5)]
     assert np.all(np.diff(grown) > 0.0)
-    assert grown[-1] > 3.0 * grown[0]
+    assert grown[-1] > 2.5 * grown[0]
     assert np.all(
         position_error(during) < 4.0 * np.sqrt(during[:, L.R_POSE_COVARIANCE] + during[:, L.R_POSE_COVARIANCE + 7])
     )

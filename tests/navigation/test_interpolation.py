@@ -33,7 +33,7 @@ def between(shares: list[float]) -> np.ndarray:
     s[L.ALIGNED], s[L.MODEL] = 1.0, L.STRAPDOWN
     s[L.IMU : L.IMU + 6] = IMU0
     s[L.X + LATITUDE] = 0.8
-    waiting = s[L.PENDING :].reshape(-1, L.EVENT_WIDTH)
+    waiting = s[L.PENDING : L.HALF].reshape(-1, L.EVENT_WIDTH)
     for i, share in enumerate(shares):
         waiting[i, [KIND, TIME]] = Kind.MAGNETOMETER, 10.0 + share * DT
         waiting[i, FIELD : FIELD + 3] = [2e-5, 0.0, 4e-5]

@@ -7,11 +7,12 @@ from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.estimator import BUFFER, Offline, run_offline, to_events
+from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.timeline import in_order, precedes
-from mavkf.samples import ARRIVAL, KIND, SEQUENCE, SOURCE, TIME, Kind
+from mavkf.samples import ARRIVAL, KIND, SEQUENCE, SOURCE, TIME, Kind, Source
 
-from ._session import CONFIG, DELAYS, differences, run
+from ._session import CONFIG, DELAYS, copied, differences, merged, run, second_receiver, session, without
 
 Array = np.ndarray
 SETUP = CONFIG.timeline.setup_s
@@ -72,7 +73,7 @@ def test_shuffled_within_the_set_up_equals_its_own_batch(rows: Array, batch: Off
     assert estimator.late == 0
     assert differences(estimator.state, own.state) == []
     assert own.setup.imu is batch.setup.imu
-    assert own.setup.strapdown == batch.setup.strapdown
+    assert own.setup.model == batch.setup.model
     assert own.parameters.tobytes() == batch.parameters.tobytes()
     assert differences(own.state, batch.state) == []
 
@@ -96,6 +97,55 @@ def test_row_by_row_gives_the_same_rows(rows: Array) -> None:
     single, output = run(first, list(range(1, 1500)))
     assert output.poses.tobytes() == expected.poses.tobytes()
     assert single.state.tobytes() == whole.state.tobytes()
+
+
+def changing() -> Array:
+    """A flight in which each kind of sensor falls silent while another of its kind speaks, some of them more than once."""
+    rows = merged(
+        session(),
+        second_receiver(),
+        copied(session(), Kind.IMU, Source.SCALED_IMU2, every=2),
+        copied(session(), Kind.IMU, Source.SCALED_IMU3, every=20, later=0.0),
+        copied(session(), Kind.MAGNETOMETER, Source.SCALED_IMU2),
+        copied(session(), Kind.BAROMETER, Source.SCALED_PRESSURE2, later=0.0),
+    )
+    for source, start, end, kind in (
+        (Source.GPS_RAW_INT, 114.0, 120.0, Kind.GNSS),
+        (Source.GPS2_RAW, 126.0, 131.0, Kind.GNSS),
+        (Source.HIGHRES_IMU, 117.0, 121.0, Kind.IMU),
+        (Source.SCALED_IMU2, 124.0, 127.0, Kind.IMU),
+        (Source.HIGHRES_IMU, 113.0, 116.0, Kind.MAGNETOMETER),
+        (Source.SCALED_PRESSURE, 112.0, 150.0, Kind.BAROMETER),
+    ):
+        rows = without(rows, source, start, end, kind)
+    return rows
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sensors_that_change_do_so_alike_however_their_samples_come(seed: int) -> None:
+    rows = changing()
+    whole = run_offline(rows, CONFIG)
+    codes = whole.output.notes[:, L.NOTE_CODE]
+    changes = (
+        NoteCode.RECEIVER_CHANGED,
+        NoteCode.IMU_CHANGED,
+        NoteCode.MAGNETOMETER_CHANGED,
+        NoteCode.BAROMETER_CHANGED,
+    )
+    assert [int(np.sum(codes == code)) for code in changes] == [2, 2, 1, 1]
+    live, expected = run(rows)
+    assert live.late == 0
+    assert differences(live.state, whole.state) == []
+    late = shuffled(rows, seed, 2.6, start=rows[0, TIME] + SETUP + 1.0)
+    estimator, _ = run(late)
+    assert estimator.late == 0
+    assert differences(estimator.state, whole.state) == []
+    # as live, in pieces
+    cuts = np.sort(np.random.default_rng(seed).integers(0, rows.shape[0], 200)).tolist()
+    pieces, output = run(rows, cuts)
+    assert output.poses.tobytes() == expected.poses.tobytes()
+    assert output.notes.tobytes() == expected.notes.tobytes()
+    assert pieces.state.tobytes() == live.state.tobytes()
 
 
 def test_every_measurement_leaves_one_record_however_often_it_is_folded(rows: Array, batch: Offline) -> None:

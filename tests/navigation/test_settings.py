@@ -8,7 +8,7 @@ import pytest
 
 from mavkf.config import Config, settings, with_settings
 from mavkf.navigation.estimator import SessionEstimator, run_offline
-from mavkf.samples import GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
+from mavkf.samples import GNSS_YAW, GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
 
 from ._session import RADII, run, session
 
@@ -19,13 +19,20 @@ OTHER: dict[str, Any] = {
     "vehicle.magnetometer_delay_s": 0.02,
     "vehicle.barometer_delay_s": 0.03,
     "vehicle.magnetic_declination_deg": 5.0,
+    "vehicle.imu_rotation_deg": [180.0, 0.0, 0.0],
+    "vehicle.gnss_antenna_b_m": [0.3, 0.0, -0.1],
+    "vehicle.estimate_antenna": "true",
     "vehicle.use_magnetometer": "false",
     "vehicle.use_barometer": "false",
     "vehicle.use_rest": "false",
+    "vehicle.use_gnss_yaw": "false",
     "vehicle.use_motion_yaw": "false",
+    "vehicle.use_class": "false",
     "gates.reset_s": 3.0,
     "gates.gap_s": 1.5,
-    "model.strapdown_hz": 300.0,
+    "model.telemetry": "false",
+    "model.even_hz": 8.0,
+    "model.compare_hz": 0.0,
 }
 NAMES = [(name, default) for name, default, *_ in settings() if not name.startswith("timeline.")]
 
@@ -42,27 +49,40 @@ def flight() -> np.ndarray:
     rows[(rows[:, KIND] == Kind.GNSS) & (np.arange(rows.shape[0]) % 8 == 1), SIGMA_HORIZONTAL] = 0.1
     rows[(rows[:, KIND] == Kind.IMU) & (t < 101.5), GYRO] += 0.1
     rows[(rows[:, KIND] == Kind.GNSS) & (t > 118.0), LATITUDE] += 60.0 / RADII[0]
+    rows[(rows[:, KIND] == Kind.GNSS) & (t > 115.0), GNSS_YAW] = 0.4
     return rows[~drop]
 
 
-def outcome(config: Config) -> bytes:
-    result = run_offline(flight(), config, rate_hz=1.0)
+@cache
+def slow_flight() -> np.ndarray:
+    """The same with an IMU at about 4 Hz."""
+    rows = flight()
+    samples = np.flatnonzero((rows[:, KIND] == Kind.IMU) | (rows[:, KIND] == Kind.MAGNETOMETER))
+    keep = np.ones(rows.shape[0], dtype=bool)
+    keep[samples] = np.floor(4.0 * rows[samples, TIME]) != np.floor(4.0 * np.r_[-1.0, rows[samples[:-1], TIME]])
+    return rows[keep]
+
+
+def outcome(config: Config, rows: np.ndarray) -> bytes:
+    result = run_offline(rows, config, rate_hz=1.0)
     return result.state.tobytes() + result.output.innovations.tobytes()
 
 
 @cache
-def default_outcome() -> bytes:
-    return outcome(Config())
+def default_outcome(slow: bool) -> bytes:
+    return outcome(Config(), slow_flight() if slow else flight())
 
 
 def test_the_same_settings_give_the_same_outcome() -> None:
-    assert outcome(with_settings(Config(), [])) == default_outcome()
+    assert outcome(with_settings(Config(), []), flight()) == default_outcome(slow=False)
 
 
 @pytest.mark.parametrize(("name", "default"), NAMES, ids=[name for name, _ in NAMES])
 def test_every_setting_changes_something(name: str, default: Any) -> None:
-    value = OTHER.get(name, None if default is None else 1.5 * default)
-    changed = outcome(with_settings(Config(), [f"{name}={value}"])) != default_outcome()
+    value = OTHER[name] if name in OTHER else 1.5 * default
+    slow = name.startswith("model.")
+    config = with_settings(Config(), [f"{name}={value}"])
+    changed = outcome(config, slow_flight() if slow else flight()) != default_outcome(slow)
     assert changed
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from mavkf.config import Config, with_settings
 from mavkf.errors import UsageError
-from mavkf.navigation.setup import choose
+from mavkf.navigation.setup import MODELS, choose
 from mavkf.samples import ACCEL, AUTOPILOT, FIX, KIND, ROW_WIDTH, SOURCE, TIME, VEHICLE_TYPE, Kind, Source
 
 Array = np.ndarray
@@ -60,7 +60,7 @@ def test_a_broken_scale_is_named_and_not_used(force: float) -> None:
     assert any("HIGHRES_IMU is not used" in reason for reason in setup.reasons)
     alone = choose(imu(Source.HIGHRES_IMU, 100.0, force), Config())
     assert alone.imu is None
-    assert not alone.strapdown
+    assert alone.model == "constant-velocity"
 
 
 def test_a_forced_imu_is_used_whatever_it_shows() -> None:
@@ -78,17 +78,23 @@ def test_a_forced_imu_that_is_not_there_is_an_error_that_names_what_is(rows: Arr
         choose(rows, Config(), imu=Source.RAW_IMU)
 
 
-@pytest.mark.parametrize(("rate", "strapdown"), [(0.5, False), (1.2, False), (2.0, True), (200.0, True)])
-def test_model_by_rate(rate: float, strapdown: bool) -> None:
+@pytest.mark.parametrize(
+    ("rate", "model", "compare"),
+    [(0.5, "telemetry", True), (1.2, "telemetry", True), (2.5, "strapdown", True), (200.0, "strapdown", True)],
+)
+def test_model_by_rate(rate: float, model: str, compare: bool) -> None:
     setup = choose(imu(Source.RAW_IMU, rate), Config())
-    assert setup.strapdown is strapdown
-    assert any(f"model {'strapdown' if strapdown else 'constant-velocity'}" in reason for reason in setup.reasons)
-    for forced in ("strapdown", "constant-velocity"):
-        assert choose(imu(Source.RAW_IMU, rate), Config(), model=forced).strapdown is (forced == "strapdown")
+    assert (setup.model, setup.compare) == (model, compare)
+    assert any(f"model {model}" in reason for reason in setup.reasons)
+    for forced in MODELS:
+        assert choose(imu(Source.RAW_IMU, rate), Config(), model=forced).model == forced
+    without = choose(imu(Source.RAW_IMU, rate), with_settings(Config(), ["model.telemetry=false"]))
+    assert (without.model, without.compare) == ("strapdown", False)
 
 
 def test_no_strapdown_without_an_imu_even_if_asked() -> None:
-    assert not choose(sensor(Kind.GNSS, Source.GPS_RAW_INT, 5.0), Config(), model="strapdown").strapdown
+    rows = sensor(Kind.GNSS, Source.GPS_RAW_INT, 5.0)
+    assert choose(rows, Config(), model="strapdown").model == "constant-velocity"
 
 
 def test_delays_by_autopilot_and_by_configuration() -> None:

@@ -214,7 +214,7 @@ def test_ctrl_c_leaves_a_subscriber_that_does_not_read(
     subscriber = subprocess.Popen(words, stdout=subprocess.PIPE)  # nobody empties the pipe
     try:
         process = serve(log, "--speed", 0, "--wait-subscriber", 20)
-        process.line("navigation begins")
+        process.line("model strapdown begins")
         until_idle(process.process.pid)
         begin = time.monotonic()
         assert process.interrupt() == 130
