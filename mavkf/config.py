@@ -106,7 +106,7 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     use_class: Annotated[
         bool,
         Meta(
-            description="whether it is used that wheels do not slip, rotors drag and wings fly nose first (by HEARTBEAT.type)"
+            description="whether the vehicle's class (HEARTBEAT.type) is used: wheels do not slip, rotors drag, wings fly nose first"
         ),
     ] = True
     use_barometer: Annotated[bool, Meta(description="whether the barometer is fused")] = True

@@ -163,6 +163,6 @@ def sideslip_jacobian(x, C, u, H):
 
 @compiled
 def airspeed(difference, pressure):
-    """True airspeed (m/s) by Bernoulli of a differential and a static pressure (Pa), in the standard atmosphere."""
+    """True airspeed (m/s) of a differential and a static pressure (Pa) by Bernoulli, in the air of the standard atmosphere."""
     temperature = SEA_LEVEL_TEMPERATURE * (pressure / SEA_LEVEL_PRESSURE) ** LAPSE_EXPONENT
     return math.sqrt(2.0 * difference * GAS_CONSTANT * temperature / pressure)

@@ -12,9 +12,9 @@ from mavkf.errors import UsageError
 from mavkf.filters.chi_square import limit
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.navigation import layout as L
+from mavkf.navigation.classes import used_class
 from mavkf.navigation.layout import PARAMETERS, Parameter
 from mavkf.navigation.reserves import BAROMETER_SOURCES, imus_with_reserve, with_reserve
-from mavkf.navigation.use_class import ROTORS, ROVER, WING
 from mavkf.samples import (
     ACCEL,
     AUTOPILOT,
@@ -50,8 +50,6 @@ NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
 ANTENNA_TOLD, ANTENNA_UNTOLD = 0.05, 0.3  # m: one sigma of where the antenna is, configured or not
 MODELS = {"constant-velocity": L.CONSTANT_VELOCITY, "strapdown": L.STRAPDOWN, "telemetry": L.TELEMETRY}
 UNKNOWN = -1  # of a source
-# MAV_TYPE to what is known of the class; a boat drifts, a VTOL's flight is of either kind.
-CLASSES = {10: ROVER, 1: WING, **dict.fromkeys((2, 3, 4, 13, 14, 15, 29, 35), ROTORS)}
 PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
 
@@ -273,9 +271,7 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.DELAY_WALK: noise.gnss_delay_walk,
         Parameter.TRUNCATION: float(setup.autopilot == ARDUPILOT),
         Parameter.REST: float(config.vehicle.use_rest),
-        Parameter.CLASS: CLASSES.get(setup.vehicle_type, 0.0)
-        if config.vehicle.use_class and setup.vehicle_type is not None
-        else 0.0,
+        Parameter.CLASS: used_class(setup.vehicle_type) if config.vehicle.use_class else 0.0,
         Parameter.USE_MOTION_YAW: float(config.vehicle.use_motion_yaw),
         Parameter.ANTENNA_X: antenna[0],
         Parameter.ANTENNA_Y: antenna[1],

@@ -43,7 +43,11 @@ LEAST_AIRSPEED = 6.0  # m/s: a pitot tube shows nothing useful below
 ABOVE_GROUND, MOVING = 3.0, 3.0  # m, m/s
 LEAST_ROVER_SCALE, LEAST_AIR_SCALE = 0.3, 0.2  # what lingers is not seen in the innovations
 SLOW = 0.125  # s between IMU samples: from here on air knows more of the attitude than the gyro does
-LASTING_LEARNING, LEAST_WIND, MOST_LASTING = 0.1, 0.25, 25.0  # of the wind's walk, or of slip, against what is assumed
+LASTING_LEARNING, LEAST_WIND, MOST_LASTING = (
+    0.1,
+    0.25,
+    25.0,
+)  # of the variance of the wind's walk against what is assumed, or of slip
 UNCORRELATED = 0.05  # correlation that a white noise assumed too large makes by itself
 ROVER, WING, ROTORS = 1.0, 2.0, 3.0  # values of Parameter.CLASS
 
