@@ -1,4 +1,4 @@
-"""Configuration: default, unit, range and meaning of every setting in one place; TOML in and out.
+"""Configuration: default, unit, range and meaning of every setting in one place (hence its length); TOML in and out.
 
     config = read_config(Path("mavkf.toml"))
     config = with_settings(config, ["vehicle.gnss_delay_s=0.2"])

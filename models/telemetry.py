@@ -22,7 +22,7 @@ from mavkf.compiled import compiled
 from mavkf.models import strapdown
 from mavkf.models.earth import SEMI_MAJOR_AXIS, radii
 from mavkf.models.rotation import rotation_matrix
-from mavkf.models.strapdown import BA, BG, DBA, DBG, HEIGHT, LATITUDE, Q, V, move, rates_of_frame
+from mavkf.models.strapdown import BG, DBG, HEIGHT, LATITUDE, Q, V, move, rates_of_frame
 
 OMEGA, FORCE = strapdown.X_SIZE, strapdown.X_SIZE + 3
 DOMEGA, DFORCE = strapdown.N, strapdown.N + 3
@@ -209,34 +209,17 @@ def propagate_covariance(P, Phi, Qd):
 
 
 @compiled
-def predict_gyro(x, z_hat):
-    """What the gyro shows (3,), rad/s."""
+def predict_sample(x, k, z_hat):
+    """What the IMU shows (3,): k = 0 the gyro, rad/s, k = 1 the accelerometer, m/s^2."""
     for i in range(3):
-        z_hat[i] = x[OMEGA + i] + x[BG + i]
+        z_hat[i] = x[OMEGA + 3 * k + i] + x[BG + 3 * k + i]
 
 
 @compiled
-def gyro_jacobian(H):
-    """H (3, n) of `predict_gyro`."""
+def sample_jacobian(k, H):
+    """H (3, n) of `predict_sample`."""
     for i in range(3):
         for j in range(H.shape[1]):
             H[i, j] = 0.0
-        H[i, DOMEGA + i] = 1.0
-        H[i, DBG + i] = 1.0
-
-
-@compiled
-def predict_accelerometer(x, z_hat):
-    """What the accelerometer shows (3,), m/s^2."""
-    for i in range(3):
-        z_hat[i] = x[FORCE + i] + x[BA + i]
-
-
-@compiled
-def accelerometer_jacobian(H):
-    """H (3, n) of `predict_accelerometer`."""
-    for i in range(3):
-        for j in range(H.shape[1]):
-            H[i, j] = 0.0
-        H[i, DFORCE + i] = 1.0
-        H[i, DBA + i] = 1.0
+        H[i, DOMEGA + 3 * k + i] = 1.0
+        H[i, DBG + 3 * k + i] = 1.0

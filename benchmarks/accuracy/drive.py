@@ -14,18 +14,15 @@ from benchmarks.accuracy.common import Array, Settings, cell, estimate, head, ro
 from benchmarks.accuracy.outages import cut
 from benchmarks.accuracy.rtklib import arrivals, clock_of, read_solution
 from benchmarks.accuracy.sample_rows import gnss, heartbeats, imu, in_order_of_arrival
+from mavkf.config import with_settings
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.replay.export import columns
 from mavkf.replay.run import on_boot_clock
 from mavkf.replay.truth import Truth, errors
 
 FOLDER = Path("public/GNSS_IMU/drive_0708")
-MOUNTING_DEG = (179.71, -6.60, 185.35)
-"""The IMU against the body: v_imu = Rz(yaw) Ry(pitch) Rx(roll) v_b, by the recording's notes.
-
-As roll, pitch, yaw of the IMU in the body, v_b = Rz Ry Rx v_imu: (-179.6726, 6.5983, -174.6478).
-The antenna is at (0, -0.05, 0) m of the IMU.
-"""
+# The recording's notes turn the body's vectors into the IMU's by roll, pitch, yaw of (179.71, -6.60, 185.35) deg; this is the way back.
+MOUNTING = ("vehicle.imu_rotation_deg=[-179.6726, 6.5983, -174.6478]", "vehicle.gnss_antenna_b_m=[0.0, -0.05, 0.0]")
 LOGGING_DELAY = 0.185
 """s: age of an IMU sample when its line arrives.
 
@@ -40,20 +37,10 @@ BAR = 3.5  # m: median of the horizontal error at the end
 
 @dataclass(frozen=True)
 class Drive:
-    """Timed rows of all sensors in the order of arrival, and the fixes as truth, on the IMU's clock."""
+    """Timed rows of all sensors in the order of arrival, those of the IMU in its own axes, and the fixes as truth, on the IMU's clock."""
 
     rows: Array
     fixes: Truth
-
-
-def to_body(vectors: Array) -> Array:
-    """Vectors (n, 3) of the IMU's axes in the body's."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(np.radians(MOUNTING_DEG)), np.sin(np.radians(MOUNTING_DEG))
-    Rz = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-    Ry = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    Rx = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    turned: Array = vectors @ (Rz @ Ry @ Rx)  # C_b_imu = R', and rows are turned from the right
-    return turned
 
 
 def read_drive(folder: Path, window_s: float) -> Drive:
@@ -67,9 +54,7 @@ def read_drive(folder: Path, window_s: float) -> Drive:
     origin = offset + rate * ms[0] - LOGGING_DELAY - 1.0
     t = offset + rate * ms - LOGGING_DELAY - origin
     utc_us = origin * 1e6
-    # THE MOUNTING: give it to the configuration instead, once the configuration has it, and leave to_body out
-    omega_b = to_body(np.radians(table[:, 3:6]))
-    f_b = to_body(table[:, :3] * STANDARD_GRAVITY)
+    omega, force = np.radians(table[:, 3:6]), table[:, :3] * STANDARD_GRAVITY
     s = read_solution(solution_file)
     fix_t = s.t - origin
     use = fix_t > 0.0  # the receiver was on before the IMU
@@ -78,7 +63,7 @@ def read_drive(folder: Path, window_s: float) -> Drive:
     sigma = (s.sigma[0][use], s.sigma[1][use], s.sigma[2][use])
     rows = in_order_of_arrival(
         heartbeats(0.5, float(t[-1]), utc_us),
-        imu(t, omega_b, f_b, (math.radians(COUNTS), COUNTS * STANDARD_GRAVITY), LOGGING_DELAY, utc_us),
+        imu(t, omega, force, (math.radians(COUNTS), COUNTS * STANDARD_GRAVITY), LOGGING_DELAY, utc_us),
         gnss(fix_t[use], place, s.v_n[use], fix, sigma, GNSS_LATENCY, utc_us),
     )
     unknown = np.full((int(use.sum()), 3), np.nan)
@@ -98,7 +83,8 @@ def run(settings: Settings) -> dict[str, Any]:
     rows = drive.rows
     for begin, end in outages(drive.fixes):
         rows = cut(rows, begin, end)
-    pose = columns(estimate(rows, settings.config, settings.as_live).output.poses)
+    config = with_settings(settings.config, MOUNTING)
+    pose = columns(estimate(rows, config, settings.as_live).output.poses)
     ends: list[dict[str, Any]] = []
     head("drive", ("outage from s", "speed m/s", "horizontal m", "down m", "error over sigma, horizontal"))
     for begin, end in outages(drive.fixes):

@@ -70,6 +70,17 @@ def invert(S, inverse):
 
 
 @compiled
+def row_variance(P, H, row):
+    """H P H' of one row of H: the variance of what is predicted of one component."""
+    total = 0.0
+    for i in range(P.shape[0]):
+        if H[row, i] != 0.0:
+            for j in range(P.shape[0]):
+                total += H[row, i] * P[i, j] * H[row, j]
+    return total
+
+
+@compiled
 def quadratic(inverse, r):
     """r' S^-1 r: the normalised innovation squared."""
     total = 0.0

@@ -10,7 +10,8 @@ from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_m
 from mavkf.models.strapdown import BA, BG, DBA, DBARO, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode, Parameter
+from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
 
 DURATION = 1.0  # s
 SAMPLES = 4  # a slow IMU takes longer

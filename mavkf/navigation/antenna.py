@@ -10,7 +10,7 @@ from mavkf.models.gnss import ANTENNA
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import POS, Q
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Parameter
+from mavkf.navigation.parameter import Parameter
 
 
 @compiled

@@ -18,6 +18,7 @@ from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.earth_field import earth_field
+from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
 from mavkf.samples import (
@@ -118,7 +119,7 @@ class SessionEstimator:
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.setup: Setup | None = None
         self.state = np.empty(L.STATE_SIZE)
-        self.parameters: Array = np.zeros(L.PARAMETERS)
+        self.parameters: Array = np.zeros(PARAMETERS)
         self._waiting: list[Array] = []
         self._first_sensor = np.nan
         self._next_id = 0

@@ -16,7 +16,8 @@ from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.fusing import note
-from mavkf.navigation.layout import NoteCode, Parameter
+from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import (
     BAROMETER_KIND,
     GNSS_KIND,
@@ -136,14 +137,15 @@ def use_imu(s, e, c, out):
         s[L.PERIOD] = dt if s[L.PERIOD] == 0.0 else s[L.PERIOD] + (dt - s[L.PERIOD]) * min(1.0, dt / 2.0 + 0.02)
         gyro, accel = watch_samples(s, e, c, imu, dt)
     if s[L.ALIGNED] == 0.0:
-        flush(s, c, out)
+        fuse_waiting(s, c, out, False)
         coast_or_start(s, c, t)
         collect(s, imu, t, c, out)
     elif gap or first:
-        flush(s, c, out)
+        fuse_waiting(s, c, out, False)
         coast_or_start(s, c, t)
     elif s[L.MODEL] == L.TELEMETRY:
-        follow(s, t, c, out)
+        fuse_waiting(s, c, out, True)
+        advance(s, c, t)
     else:
         interpolate(s, imu, t, c, out)
     s[L.T_IMU] = t
@@ -193,18 +195,6 @@ def interpolate(s, imu, t, c, out):
 
 
 @compiled
-def follow(s, t, c, out):
-    """To time t by the telemetry model, stopping at each measurement that waits."""
-    n = int(s[L.PENDING_COUNT])
-    for k in range(n):
-        e = s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH].copy()
-        advance(s, c, e[TIME])
-        measure(s, e, c, out)
-    s[L.PENDING_COUNT] = 0.0
-    advance(s, c, t)
-
-
-@compiled
 def coast_or_start(s, c, t):
     """Bring the state to time t without an IMU; the first event of a session starts its clock."""
     if math.isfinite(s[L.T]):
@@ -214,12 +204,15 @@ def coast_or_start(s, c, t):
 
 
 @compiled
-def flush(s, c, out):
-    """Fuse the measurements that wait without the IMU's help."""
+def fuse_waiting(s, c, out, by_model):
+    """Fuse the measurements that wait, each at its time: by the telemetry model, or without the IMU's help."""
     n = int(s[L.PENDING_COUNT])
     for k in range(n):
         e = s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH].copy()
-        coast_or_start(s, c, e[TIME])
+        if by_model:
+            advance(s, c, e[TIME])
+        else:
+            coast_or_start(s, c, e[TIME])
         measure(s, e, c, out)
     s[L.PENDING_COUNT] = 0.0
 
@@ -274,7 +267,7 @@ def fold_one(s, e, c, out):
                 s[k + i] = e[i]
             s[L.PENDING_COUNT] += 1.0
             return
-        flush(s, c, out)
+        fuse_waiting(s, c, out, False)
         coast_or_start(s, c, e[TIME])
         measure(s, e, c, out)
         watch_position(s, out)

@@ -12,7 +12,8 @@ from mavkf.compiled import compiled
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
 from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.navigation.layout import Reason, Sensor
+from mavkf.navigation.parameter import Parameter
 from mavkf.samples import SOURCE
 
 SLOWEST_FOR_LEARNING = 0.05  # s between IMU samples, above which its own errors look like a delay or a wander of GNSS

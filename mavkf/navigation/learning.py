@@ -4,7 +4,7 @@ import math
 
 from mavkf.compiled import compiled
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Parameter
+from mavkf.navigation.parameter import Parameter
 
 LEARNING = 0.05  # share of a normalised surprise that goes into a learnt variance
 # Horizontally a drift must be followed while it happens; the height's error is mostly the atmosphere's, which takes its time.

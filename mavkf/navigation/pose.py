@@ -13,7 +13,6 @@ from mavkf.navigation.receivers import book_of
 
 POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
 TILT_LIMIT, YAW_LIMIT = math.radians(10.0), math.radians(20.0)
-SLOW = 1.0 / 8.0  # s between IMU samples: what a vehicle does between them is mostly not seen
 RECENT = 2.0  # s: sensors heard within it are there
 
 
@@ -41,7 +40,7 @@ def flags_of(s, c):
         flags |= 1 << Flag.NO_MAGNETOMETER.value
     if s[L.YAW_KNOWN] == 0.0:
         flags |= 1 << Flag.YAW_UNKNOWN.value
-    if s[L.PERIOD] > SLOW and math.isfinite(s[L.T_IMU]):
+    if s[L.PERIOD] > L.SLOW and math.isfinite(s[L.T_IMU]):
         flags |= 1 << Flag.IMU_SLOW.value
     if s[L.POSITION_KNOWN] != 0.0 and s[L.MODEL] == L.CONSTANT_VELOCITY:
         flags |= 1 << Flag.CONSTANT_VELOCITY.value

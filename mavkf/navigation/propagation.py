@@ -30,7 +30,7 @@ from mavkf.models.strapdown import (
     Q,
 )
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Parameter
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import begin_books
 from mavkf.navigation.sources import begin_sources
 from mavkf.navigation.use_class import begin_class

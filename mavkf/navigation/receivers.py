@@ -10,11 +10,12 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
-from mavkf.models.strapdown import DDELAY, DGNSS, GNSS
+from mavkf.models.strapdown import DDELAY, DGNSS, GNSS, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.antenna import unknown_lever
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode, Parameter
+from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
 from mavkf.samples import (
     HEIGHT_AMSL,
     LATITUDE,
@@ -31,6 +32,7 @@ from mavkf.samples import (
 FIRST_SOURCE = int(Source.GPS_RAW_INT)
 SILENT = 2.0  # s without a 3D fix, after which another receiver becomes the main one
 STEADY = 1.0  # s of fixes that such a one must have behind it
+LONGEST_WAY = 3.0  # s between two fixes, of which the way is taken for a velocity
 REDRAW = 1e9  # m: more than any lever arm, so that the coloured error is begun anew
 
 
@@ -57,6 +59,22 @@ def claimed(e, column, default):
     """One sigma of a fix as the receiver claims it in a column of the row, or the default."""
     sigma = e[column]
     return sigma if sigma > 0.0 else default
+
+
+@compiled
+def way_since(s, e, b, v):
+    """Fill v (3,) with the mean velocity (m/s in n) since the receiver's last fix, of which its book b tells.
+
+    Returns the time between the two fixes, s; zero where there is none, or it is too long ago.
+    """
+    dt = e[TIME] - s[b + L.F_T_BEFORE]
+    if not 0.0 < dt < LONGEST_WAY:
+        return 0.0
+    k = b + L.F_FIX
+    offset(e[LATITUDE], e[LONGITUDE], e[HEIGHT_AMSL], s[k], s[k + 1], s[k + 2], v)
+    for i in range(3):
+        v[i] /= dt
+    return dt
 
 
 @compiled

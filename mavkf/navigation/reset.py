@@ -10,15 +10,15 @@ from mavkf.models.strapdown import DGNSS, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.antenna import carry_lever, mounting
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode, Parameter
-from mavkf.navigation.receivers import become_main, claimed, other_in_agreement, set_colour, white_variance
+from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.receivers import become_main, claimed, other_in_agreement, set_colour, way_since, white_variance
 from mavkf.samples import FIX as FIX_TYPE
-from mavkf.samples import HEIGHT_AMSL, SIGMA_HORIZONTAL, TIME, VELOCITY_D, VELOCITY_E, VELOCITY_N
+from mavkf.samples import HEIGHT_AMSL, SIGMA_HORIZONTAL, VELOCITY_D, VELOCITY_E, VELOCITY_N
 from mavkf.samples import LATITUDE as FIX_LATITUDE
 from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 FIXES_TO_START = 3
-LONGEST_WAY = 3.0  # s between two fixes, of which the way is taken for a velocity
 UNKNOWN_SPEED = 30.0  # m/s: of a vehicle whose receiver tells no velocity
 PATIENCE_WITH_ITSELF = 2.0  # s of fixes refused with their velocities, after which the state is reset to them
 TILT_AFTER_SHOCK = 0.1  # rad: one sigma that such a filter's attitude is off besides
@@ -27,13 +27,9 @@ TILT_AFTER_SHOCK = 0.1  # rad: one sigma that such a filter's attitude is off be
 @compiled
 def speed_of_way(s, e, c, b, v):
     """Fill v (3,) with the mean velocity since the receiver's last fix, of which its book b tells; returns one sigma (m/s) of an axis."""
-    dt = e[TIME] - s[b + L.F_T_BEFORE]
-    if not 0.0 < dt < LONGEST_WAY:
+    dt = way_since(s, e, b, v)
+    if dt == 0.0:
         return UNKNOWN_SPEED / 3.0
-    k = b + L.F_FIX
-    offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[k], s[k + 1], s[k + 2], v)
-    for i in range(3):
-        v[i] /= dt
     # it was so half way back
     lag = 0.5 * dt * c[Parameter.ACCELERATION]
     return math.sqrt(2.0 * white_variance(s, e, c, b, False) / (dt * dt) + lag * lag)

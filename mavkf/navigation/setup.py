@@ -13,7 +13,8 @@ from mavkf.filters.chi_square import limit
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.navigation import layout as L
 from mavkf.navigation.classes import used_class
-from mavkf.navigation.layout import PARAMETERS, Parameter
+from mavkf.navigation.delays import ARDUPILOT, DELAYS, NO_DELAYS
+from mavkf.navigation.parameter import PARAMETERS, Parameter
 from mavkf.navigation.reserves import BAROMETER_SOURCES, imus_with_reserve, with_reserve
 from mavkf.samples import (
     ACCEL,
@@ -29,7 +30,6 @@ from mavkf.samples import (
     Source,
 )
 
-ARDUPILOT, PX4 = 3, 12  # MAV_AUTOPILOT
 # How good an IMU message is at the same rate: resolution (mg and mrad/s against float) and stamp (ms against us).
 IMU_QUALITY = {
     Source.HIGHRES_IMU: 3.0,
@@ -39,14 +39,6 @@ IMU_QUALITY = {
     Source.SCALED_IMU2: 0.7,
     Source.SCALED_IMU3: 0.6,
 }
-# Delays of ArduPilot, s. GNSS: a fix is stamped at reception (AP_GPS), measured on its simulator and near u-blox's; IMU: two-pole
-# low-pass at 20 Hz (INS_ACCEL_FILTER, INS_GYRO_FILTER); magnetometer and barometer: sampled slower than sent, and held.
-DELAYS = {
-    ARDUPILOT: {"gnss": 0.085, "imu": 0.0125, "magnetometer": 0.055, "barometer": 0.045},
-    # PX4 stamps at measurement and removes its own delays, but averages magnetometer and barometer and holds them between its updates.
-    PX4: {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.05, "barometer": 0.0},
-}
-NO_DELAYS = {"gnss": 0.0, "imu": 0.0, "magnetometer": 0.0, "barometer": 0.0}
 ANTENNA_TOLD, ANTENNA_UNTOLD = 0.05, 0.3  # m: one sigma of where the antenna is, configured or not
 MODELS = {"constant-velocity": L.CONSTANT_VELOCITY, "strapdown": L.STRAPDOWN, "telemetry": L.TELEMETRY}
 UNKNOWN = -1  # of a source

@@ -4,20 +4,19 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import telemetry
-from mavkf.models.strapdown import BA, BG, DBA, DBG, N
-from mavkf.models.telemetry import DFORCE, DOMEGA, FORCE, OMEGA
+from mavkf.models.strapdown import BA, BG, DBG, N
+from mavkf.models.telemetry import DOMEGA, FORCE, OMEGA
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, fuse
-from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.navigation.layout import Reason, Sensor
 from mavkf.navigation.learning import learn
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import add_noise, decay_colour, set_acceleration
-from mavkf.samples import ACCEL_RESOLUTION, GYRO_RESOLUTION
+from mavkf.samples import GYRO_RESOLUTION
 
 RATE_TIME, FORCE_TIME = 10.0, 10.0  # s: how long a rate and an acceleration last of themselves
-BANDWIDTH = (
-    40.0  # Hz: twice the low-pass of an autopilot's IMU (20 Hz), by which a noise density becomes a sample's variance
-)
-LEAST_DRIVE, MOST_DRIVE = 0.05, 25.0  # of the learnt density that drives rate and force, against what the samples show
+BANDWIDTH = 40.0  # Hz: twice the low-pass of an autopilot's IMU, by which a noise density becomes a sample's variance
+LEAST_DRIVE = 0.05  # of the learnt density that drives rate and force, against what the samples show
 
 
 @compiled
@@ -29,7 +28,7 @@ def white_part(square, product):
 @compiled
 def sample_variance(s, e, c, k):
     """Variance of an axis of a sample, as a measurement of what lasts: white part, density, counts; k: 0 gyro, 1 accelerometer."""
-    resolution = e[GYRO_RESOLUTION] if k == 0 else e[ACCEL_RESOLUTION]
+    resolution = e[GYRO_RESOLUTION + k]
     white = white_part(s[L.DIFFERENCE_GYRO + k], s[L.TURN_GYRO + k])
     return white + c[Parameter.GYRO + k] ** 2 * BANDWIDTH + resolution * resolution / 12.0
 
@@ -42,8 +41,8 @@ def enter(s, e, c):
     P = L.covariance(s)
     n = P.shape[0]
     for k in range(2):
-        state, error = (OMEGA, DOMEGA) if k == 0 else (FORCE, DFORCE)
-        bias, bias_error = (BG, DBG) if k == 0 else (BA, DBA)
+        state, error = OMEGA + 3 * k, DOMEGA + 3 * k
+        bias, bias_error = BG + 3 * k, DBG + 3 * k
         forget(s, error, 3, 0.0)
         for i in range(3):
             s[state + i] = s[L.IMU + 3 * k + i] - s[bias + i]
@@ -129,14 +128,9 @@ def use_sample(s, e, c, out):
     H = np.empty((3, n))
     R = np.zeros((3, 3))
     for k in range(2):
-        error = DOMEGA if k == 0 else DFORCE
-        bias = DBG if k == 0 else DBA
-        if k == 0:
-            telemetry.predict_gyro(s[L.X : L.P], z_hat)
-            telemetry.gyro_jacobian(H)
-        else:
-            telemetry.predict_accelerometer(s[L.X : L.P], z_hat)
-            telemetry.accelerometer_jacobian(H)
+        error, bias = DOMEGA + 3 * k, DBG + 3 * k
+        telemetry.predict_sample(s[L.X : L.P], k, z_hat)
+        telemetry.sample_jacobian(k, H)
         variance = sample_variance(s, e, c, k)
         share = 0.0
         nis = 0.0
@@ -153,8 +147,6 @@ def use_sample(s, e, c, out):
             for i in range(3):
                 P[error + i, error + i] += r[i] * r[i]
         fuse(s, e, c, out, Sensor.GYRO if k == 0 else Sensor.ACCELEROMETER, r, H, R, Reason.FUSED)
-        s[L.SCALE_DRIVE + k] = min(
-            max(learn(s[L.SCALE_DRIVE + k], nis, 3, share, LEAST_DRIVE), LEAST_DRIVE), MOST_DRIVE
-        )
+        s[L.SCALE_DRIVE + k] = learn(s[L.SCALE_DRIVE + k], nis, 3, share, LEAST_DRIVE)
     for i in range(3):
         s[L.RATE + i] = s[OMEGA + i]

@@ -12,7 +12,8 @@ from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.strapdown import BA, BG, DBA, DBG
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode, Parameter
+from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
 from mavkf.samples import ACCEL, SOURCE, TIME
 
 SILENT = 2.0  # s without a value, after which another magnetometer or barometer is taken

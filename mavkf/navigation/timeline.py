@@ -7,7 +7,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import fold
-from mavkf.navigation.layout import Parameter
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import GNSS_KIND, IMU_KIND
 from mavkf.navigation.pose import pose_row
 from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME

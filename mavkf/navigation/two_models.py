@@ -11,7 +11,8 @@ import math
 from mavkf.compiled import compiled
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import note
-from mavkf.navigation.layout import NoteCode, Parameter
+from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.slow_imu import enter, leave
 
 FORGETTING = 60.0  # s
@@ -75,12 +76,14 @@ def weigh_models(s, e, c, out):
     if c[Parameter.COMPARE_HZ] == 0.0:
         return
     rate = 1.0 / max(s[L.PERIOD], 1e-3)
+    fast = rate > APART * c[Parameter.COMPARE_HZ]
     carried = s[L.MODEL] != L.CONSTANT_VELOCITY
     if s[L.SECOND] == 0.0:
         if carried and s[L.RESTING] == 0.0 and s[L.MODEL] == s[L.WANTED] and rate < c[Parameter.COMPARE_HZ]:
             begin_second(s, e, c)
+        elif fast:
+            s[L.WANTED] = L.STRAPDOWN
         return
-    fast = rate > APART * c[Parameter.COMPARE_HZ]
     if fast and s[L.WANTED] == L.TELEMETRY and carried and s[L.HALF + L.MODEL] != L.CONSTANT_VELOCITY:
         change_places(s, out)
     if fast or not carried or s[L.HALF + L.MODEL] == L.CONSTANT_VELOCITY:

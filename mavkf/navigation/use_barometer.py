@@ -9,8 +9,9 @@ from mavkf.models import barometer
 from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse
-from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.layout import NoteCode, Reason, Sensor
 from mavkf.navigation.learning import LEAST_SCALE, learn
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
 from mavkf.samples import PRESSURE
 

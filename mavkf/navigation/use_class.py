@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
+from mavkf.filters.joseph import row_variance
 from mavkf.models import vehicle_class as model
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix
@@ -17,8 +18,9 @@ from mavkf.models.strapdown import HEIGHT, Q, V
 from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse_lasting
-from mavkf.navigation.layout import Parameter, Sensor
+from mavkf.navigation.layout import Sensor
 from mavkf.navigation.learning import learn
+from mavkf.navigation.parameter import Parameter
 from mavkf.samples import DIFFERENTIAL_PRESSURE, PRESSURE
 
 ROVER_PERIOD, AIR_PERIOD = 0.5, 1.0  # s between updates
@@ -42,7 +44,6 @@ SMOOTH = 0.1  # s: time constant of the mean of the force
 LEAST_AIRSPEED = 6.0  # m/s: a pitot tube shows nothing useful below
 ABOVE_GROUND, MOVING = 3.0, 3.0  # m, m/s
 LEAST_ROVER_SCALE, LEAST_AIR_SCALE = 0.3, 0.2  # what lingers is not seen in the innovations
-SLOW = 0.125  # s between IMU samples: from here on air knows more of the attitude than the gyro does
 LASTING_LEARNING, LEAST_WIND, MOST_LASTING = (
     0.1,
     0.25,
@@ -137,12 +138,7 @@ def use_class(s, e, c, out):
 @compiled
 def teach(s, k, r, H, row, variance, least):
     """Learn how much more or less than assumed the knowledge errs, from an innovation; variance: of its error as it is, not as told."""
-    P = L.covariance(s)
-    total = variance
-    for i in range(P.shape[0]):
-        if H[row, i] != 0.0:
-            for j in range(P.shape[0]):
-                total += H[row, i] * P[i, j] * H[row, j]
+    total = variance + row_variance(L.covariance(s), H, row)
     s[L.SCALE_CLASS + k] = learn(s[L.SCALE_CLASS + k], r * r / total, 1, variance / total, least)
     return total
 
@@ -165,7 +161,7 @@ def fuse_air(s, e, c, out, sensor, r, H, R, R_lasting):
     P = L.covariance(s)
     if P[DWIND, DWIND] < WIND_KNOWN**2 and P[DWIND + 1, DWIND + 1] < WIND_KNOWN**2:
         s[L.AIR_KNOWN] = 1.0
-    if s[L.OUTAGE] == 0.0 and (s[L.AIR_KNOWN] == 0.0 or s[L.PERIOD] < SLOW):
+    if s[L.OUTAGE] == 0.0 and (s[L.AIR_KNOWN] == 0.0 or s[L.PERIOD] < L.SLOW):
         s[L.CORRECT_FROM] = DCLASS
     fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting)
     s[L.CORRECT_FROM] = 0.0

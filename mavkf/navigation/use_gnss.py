@@ -22,8 +22,9 @@ from mavkf.models.strapdown import (
 from mavkf.navigation import layout as L
 from mavkf.navigation.antenna import mounting
 from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING, forget, fuse, fuse_lasting, note
-from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.layout import NoteCode, Reason, Sensor
 from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour, learn_colour_time, learn_walk
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import (
     SILENT,
     book_of,

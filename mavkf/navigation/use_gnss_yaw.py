@@ -11,7 +11,8 @@ from mavkf.models.strapdown import Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import fuse, note
-from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.layout import NoteCode, Reason, Sensor
+from mavkf.navigation.parameter import Parameter
 from mavkf.samples import GNSS_YAW
 
 STEEP = math.cos(math.radians(75.0))  # cosine of the pitch beyond which a nose that points up or down has no heading

@@ -10,7 +10,8 @@ from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, Q, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse
-from mavkf.navigation.layout import Parameter, Reason, Sensor
+from mavkf.navigation.layout import Reason, Sensor
+from mavkf.navigation.parameter import Parameter
 from mavkf.samples import GYRO_RESOLUTION
 
 LEVEL_PERIOD = 0.1  # s between levelling updates

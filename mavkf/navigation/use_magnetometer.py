@@ -5,14 +5,16 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
+from mavkf.filters.joseph import row_variance
 from mavkf.models import magnetometer
 from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import forget, fuse, note
-from mavkf.navigation.layout import NoteCode, Parameter, Reason, Sensor
+from mavkf.navigation.layout import NoteCode, Reason, Sensor
 from mavkf.navigation.learning import learn
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
 from mavkf.samples import FIELD, TIME
 
@@ -84,11 +86,7 @@ def use_magnetometer(s, e, c, out):
     total = 0.0
     for i in range(3):
         R[i, i] = variance
-        total += variance
-        for j in range(P.shape[0]):
-            if H[i, j] != 0.0:
-                for k in range(P.shape[0]):
-                    total += H[i, j] * P[j, k] * H[i, k]
+        total += variance + row_variance(P, H, i)
     s[L.T_MAGNETOMETER] = s[L.T]
     nis = fuse(s, e, c, out, Sensor.MAGNETOMETER, r, H, R, Reason.DISTURBED if disturbed else Reason.FUSED)
     if nis >= 0.0:

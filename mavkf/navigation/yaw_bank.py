@@ -15,29 +15,27 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix, wrap_angle
-from mavkf.models.strapdown import BA, THETA, Q, offset
+from mavkf.models.strapdown import BA, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import note
-from mavkf.navigation.layout import NoteCode, Parameter
-from mavkf.navigation.receivers import white_variance
-from mavkf.samples import HEIGHT_AMSL, SIGMA_SPEED, TIME, VELOCITY_E, VELOCITY_N
-from mavkf.samples import LATITUDE as FIX_LATITUDE
-from mavkf.samples import LONGITUDE as FIX_LONGITUDE
+from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.receivers import way_since, white_variance
+from mavkf.samples import SIGMA_SPEED, TIME, VELOCITY_E, VELOCITY_N
 
 ACCELERATION_NOISE = 0.3  # m/s^2/sqrt(Hz): a tilt of two degrees, lasting a second
 TILT_TIME = 1.0  # s
 HEADING_NOISE = 5e-3  # rad/sqrt(s): what an unknown gyro bias turns
 CERTAIN = math.radians(10.0)  # one sigma, at which the bank becomes one filter
 LEAST_UPDATES = 10
-LONGEST_WAY = 3.0  # s between fixes without a velocity
 # Columns of a hypothesis: velocity, heading, their covariance, weight (a logarithm), and what was covered since the last fix, m
 VN, VE, PSI, P00, P01, P02, P11, P12, P22, WEIGHT, DN, DE = range(12)
 
 
 @compiled
 def begin_bank(s, v):
-    """Spread the guesses evenly over the circle, each with the velocity v (2,)."""
+    """Spread the guesses evenly over the circle, each with the velocity v."""
     bank = s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
     width = 2.0 * math.pi / L.GUESSES
     for i in range(L.GUESSES):
@@ -111,7 +109,7 @@ def weigh(b, r0, r1, variance):
 
 @compiled
 def seen_velocity(s, e, c, b, v):
-    """Fill v (2,) with the velocity of a fix, or, where it has none, with that of the way since the last one; returns its variance.
+    """Fill v (3,), of which two count, with the velocity of a fix, or of the way since the last one; returns its variance.
 
     Zero is returned where there is neither. b: the receiver's book.
     """
@@ -119,13 +117,9 @@ def seen_velocity(s, e, c, b, v):
         v[0], v[1] = e[VELOCITY_N], e[VELOCITY_E]
         sigma = max(e[SIGMA_SPEED] if e[SIGMA_SPEED] > 0.0 else c[Parameter.SPEED], 2.0 * c[Parameter.SPEED_FLOOR])
         return sigma * sigma + (c[Parameter.COURSE] / (1.0 + math.hypot(v[0], v[1]))) ** 2
-    dt = e[TIME] - s[b + L.F_T_BEFORE]
-    if not 0.0 < dt < LONGEST_WAY:
+    dt = way_since(s, e, b, v)
+    if dt == 0.0:
         return 0.0
-    k = b + L.F_FIX
-    d = np.empty(3)
-    offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[k], s[k + 1], s[k + 2], d)
-    v[0], v[1] = d[0] / dt, d[1] / dt
     return 2.0 * white_variance(s, e, c, b, False) / (dt * dt) + c[Parameter.SPEED_FLOOR] ** 2
 
 
@@ -134,7 +128,7 @@ def use_bank(s, e, c, out, b):
     """Weigh the guesses by a fix's velocity; where they agree well enough, turn the attitude to their mean. b: the receiver's book."""
     if s[L.YAW_KNOWN] != 0.0 or s[L.ALIGNED] == 0.0 or c[Parameter.USE_MOTION_YAW] == 0.0:
         return
-    v = np.zeros(2)
+    v = np.zeros(3)
     variance = seen_velocity(s, e, c, b, v)
     if variance == 0.0 or s[L.RESTING] != 0.0:
         s[L.BANK_UPDATES] = 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
+from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic, row_variance
 
 Array = np.ndarray
 
@@ -135,3 +135,11 @@ def test_inverse(m: int) -> None:
 def test_not_positive_definite_is_said(S: list[list[float]]) -> None:
     A = np.array(S)
     assert not invert(A, np.empty_like(A))
+
+
+def test_the_variance_of_a_row_is_that_of_the_whole_product() -> None:
+    random = np.random.default_rng(8)
+    A, H = random.normal(size=(7, 7)), random.normal(size=(3, 7))
+    H[1, ::2] = 0.0
+    P = A @ A.T
+    np.testing.assert_allclose([row_variance(P, H, i) for i in range(3)], np.diag(H @ P @ H.T), rtol=1e-12)

@@ -14,6 +14,7 @@ from mavkf.models.rotation import (
 from mavkf.models.strapdown import BG, DBA, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import choose, parameters
 from mavkf.navigation.use_magnetometer import use_magnetometer
@@ -119,7 +120,7 @@ def test_finding_the_yaw_turns_the_covariance_with_it(yaw: float) -> None:
     np.testing.assert_allclose(matrix(s[Q : Q + 4]), matrix(quaternion(0.2, -0.1, yaw)), atol=1e-6)
     # levelling at the true yaw: dtheta_N = (C dba)_E / g, dtheta_E = -(C dba)_N / g
     P, C = covariance(s), matrix(s[Q : Q + 4])
-    bias = c[L.Parameter.ACCEL_BIAS] ** 2
+    bias = c[Parameter.ACCEL_BIAS] ** 2
     np.testing.assert_allclose(P[THETA, DBA : DBA + 3], C[1] * bias / G, atol=1e-9)
     np.testing.assert_allclose(P[THETA + 1, DBA : DBA + 3], -C[0] * bias / G, atol=1e-9)
 
@@ -133,7 +134,7 @@ def test_a_still_second_tells_the_gyro_bias() -> None:
 def test_a_turning_vehicle_is_not_taken_for_still() -> None:
     s, c, out = align(np.eye(3), gyro=(0.0, 0.0, 0.5))
     assert np.all(s[BG : BG + 3] == 0.0)
-    assert covariance(s)[DBG, DBG] == pytest.approx(c[L.Parameter.GYRO_BIAS] ** 2)
+    assert covariance(s)[DBG, DBG] == pytest.approx(c[Parameter.GYRO_BIAS] ** 2)
     assert covariance(s)[0, 0] > 0.1**2
     assert out[1][0, L.NOTE_A] == 0.0
 

@@ -12,6 +12,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.classes import used_class
 from mavkf.navigation.estimator import Offline, run_offline
 from mavkf.navigation.layout import Sensor
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.setup import choose, parameters
 from mavkf.samples import DIFFERENTIAL_PRESSURE, GYRO, KIND, PRESSURE, TIME, VEHICLE_TYPE, Kind
 
@@ -253,7 +254,7 @@ def test_the_states_of_the_class_are_there_only_where_they_are_used() -> None:
     rows = _session.session(duration=12.0)
     for vehicle, config in ((BOAT, CONFIG), (QUADROTOR, WITHOUT)):
         rows[rows[:, KIND] == Kind.HEARTBEAT, VEHICLE_TYPE] = vehicle
-        assert parameters(config, choose(rows, config))[L.Parameter.CLASS] == 0.0
+        assert parameters(config, choose(rows, config))[Parameter.CLASS] == 0.0
         state = run_offline(rows, config).state
         assert state[L.STATES] == 26.0
         assert not np.any(state[WIND : WIND + 4])

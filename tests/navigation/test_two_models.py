@@ -13,9 +13,11 @@ from mavkf.models.telemetry import N as TELEMETRY_STATES
 from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import run_offline
 from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import begin, unseen_share
 from mavkf.navigation.setup import choose, parameters
 from mavkf.navigation.slow_imu import enter, leave
+from mavkf.navigation.two_models import weigh_models
 from mavkf.samples import ARRIVAL, KIND, TIME, Kind
 
 from ._session import CONFIG, differences, position_error, run, session
@@ -98,6 +100,17 @@ def test_innovations_overrule_the_rate() -> None:
     # and where the rate alone decides, it stays
     alone = run_offline(rows, with_settings(CONFIG, ["model.compare_hz=0.0"]))
     assert alone.state[L.MODEL] == L.STRAPDOWN
+
+
+def test_telemetry_that_leads_alone_gives_way_when_the_imu_is_fast() -> None:
+    s, e, c = state_with_covariance()
+    s[L.MODEL] = s[L.WANTED] = L.TELEMETRY
+    c[Parameter.COMPARE_HZ] = 8.0
+    out = (np.empty((0, 0)), np.empty((0, L.NOTE_WIDTH)), np.zeros(3, dtype=np.int64), np.empty(0), np.empty(0))
+    for period, wanted in ((0.11, L.TELEMETRY), (0.02, L.STRAPDOWN)):
+        s[L.PERIOD] = period
+        weigh_models(s, e, c, out)
+        assert s[L.WANTED] == wanted
 
 
 def state_with_covariance() -> tuple[Array, Array, Array]:

@@ -261,11 +261,16 @@ def test_a_rendezvous_that_another_program_holds_is_said_with_the_remedy(
 ) -> None:
     monkeypatch.setattr("mavkf.publish.session._STRANGER_S", 0.5)
     said: queue.Queue[str] = queue.Queue()
-    stranger = socket.create_server(("127.0.0.1", int(rendezvous.rsplit(":", 1)[1])))
+    port = int(rendezvous.rsplit(":", 1)[1])
+    stranger = socket.create_server(("127.0.0.1", port))
     with stranger, open_session(publishes=True, say=said.put):
         sentence = said.get(timeout=10)
-        stranger.close()  # zenoh closes at once only when nobody holds its rendezvous
-        time.sleep(1.5)
+        stranger.close()
+        # zenoh takes the rendezvous itself now; before that it does not close at once
+        deadline = time.monotonic() + 10.0
+        while f"tcp 0100007F:{port:04X}" not in listening(os.getpid()):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
     assert all(part in sentence for part in (rendezvous, "end that program", "MAVKF_RENDEZVOUS"))
     with (
         open_session(publishes=True, say=said.put),

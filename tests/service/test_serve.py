@@ -325,7 +325,7 @@ def test_a_service_ends_at_once_while_another_holds_the_rendezvous(serve: Start)
     first, second = serve("udpin:127.0.0.1:0"), serve("udpin:127.0.0.1:0")
     for one in (first, second):
         one.line("listens on")
-    time.sleep(1.0)  # both have tried for the rendezvous
+    time.sleep(1.0)  # both have tried for the rendezvous, which nothing tells; less would be easier, not flaky
     for one in (second, first):
         begin = time.monotonic()
         assert one.interrupt() == 130
