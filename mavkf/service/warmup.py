@@ -24,7 +24,7 @@ def ensure_compiled(say: Callable[[str], None]) -> float:
     """Compile what is not compiled yet, with a word to the user before; return the seconds it took (0: nothing to do)."""
     if is_warm():
         return 0.0
-    say("compiling the estimator, once: about a minute")
+    say("compiling the estimator, once: about two minutes")
     begin = time.perf_counter()
     compile_all()
     return time.perf_counter() - begin
