@@ -279,10 +279,10 @@ def run_offline(
     )
     poses = np.empty((16 * BUFFER, L.POSE_WIDTH))
     parts: list[Output] = []
-    i = 0
+    i, slot = 0, -1
     while i < events.shape[0]:
         out[2][:] = 0
-        i, n = timeline.run_batch(state, events, i, c, rate_hz, poses, out)
+        i, n, slot = timeline.run_batch(state, events, i, slot, c, rate_hz, poses, out)
         if progress is not None:
             progress(i / events.shape[0])
         parts.append(Output(poses[:n].copy(), out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))

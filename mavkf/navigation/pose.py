@@ -27,7 +27,7 @@ def mode_of(s):
 
 
 @compiled
-def flags_of(s, c):
+def flags_of(s):
     """The flags of a state, as bits."""
     flags = 0
     if not s[L.T] - s[L.T_IMU] < RECENT:
@@ -85,20 +85,20 @@ def sigma_euler(P, q, euler, out):
 
 
 @compiled
-def pose_row(s, c, row):
+def pose_row(s, row):
     """Fill a pose row (POSE_WIDTH,) from a state; NaN where nothing is known."""
     P = L.covariance(s)
+    valid = valid_of(s)
     row[:] = np.nan
     row[L.R_TIME] = s[L.T]
     row[L.R_MODE] = mode_of(s)
-    row[L.R_FLAGS] = flags_of(s, c)
-    row[L.R_VALID] = valid_of(s)
+    row[L.R_FLAGS] = flags_of(s)
+    row[L.R_VALID] = valid
     row[L.R_MODEL] = s[L.MODEL]
     row[L.R_UNDULATION] = s[L.UNDULATION]
     for i in range(3):
         row[L.R_ORIGIN_LATITUDE + i] = s[L.ORIGIN_LATITUDE + i]
     # what is too uncertain to be used is not known: a number is never a guess
-    valid = valid_of(s)
     position = valid & L.VALID_POSITION != 0
     velocity = valid & L.VALID_VELOCITY != 0
     attitude = valid & L.VALID_TILT != 0

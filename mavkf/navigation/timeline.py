@@ -69,13 +69,13 @@ def is_full(count, poses, out):
 
 
 @compiled
-def run_batch(s, events, first, c, rate, poses, out):
+def run_batch(s, events, first, slot, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.
 
-    Stops where an output buffer might overflow. Returns the index to go on from and the number of pose rows written.
+    slot: the output interval of the last row, -1: none yet. Stops where an output buffer might overflow. Returns the index to go on from,
+    the number of pose rows written, and the interval of the last.
     """
     count = 0
-    slot = slot_of(s[L.T], rate) if math.isfinite(s[L.T]) else -1
     i = first
     while i < events.shape[0]:
         if is_full(count, poses, out):
@@ -88,9 +88,9 @@ def run_batch(s, events, first, c, rate, poses, out):
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > slot:
                 slot = now
-                pose_row(s, c, poses[count])
+                pose_row(s, poses[count])
                 count += 1
-    return i, count
+    return i, count, slot
 
 
 @compiled
@@ -182,6 +182,6 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > cursor[LAST_SLOT]:
                 cursor[LAST_SLOT] = now
-                pose_row(s, c, poses[count])
+                pose_row(s, poses[count])
                 count += 1
     return i, count

@@ -263,3 +263,29 @@ def test_at_one_time_a_fix_comes_before_the_imu_sample() -> None:
     fix[KIND], imu[KIND] = Kind.GNSS, Kind.IMU
     assert precedes(fix, imu)
     assert not precedes(imu, fix)
+
+
+def test_a_batch_in_pieces_writes_the_same_poses(rows: Array) -> None:
+    # an IMU that comes and goes: measurements move the state on between its samples, over the edges of output intervals
+    part = rows[~((rows[:, KIND] == Kind.IMU) & (rows[:, TIME] > 108.0) & (rows[:, TIME] % 1.5 > 0.1))]
+    whole = run_offline(part, CONFIG)
+    events = in_order(to_events(part, whole.setup, 0))
+
+    def poses(most: int) -> Array:
+        state, written = np.empty(L.STATE_SIZE), []
+        begin(state, whole.parameters)
+        out = (
+            np.empty((16 * BUFFER, L.INNOVATION_WIDTH)),
+            np.empty((BUFFER, L.NOTE_WIDTH)),
+            np.zeros(3, dtype=np.int64),
+            np.full(L.NOTE_CODES, -np.inf),
+            np.full(L.SENSORS, -1.0),
+        )
+        buffer, i, slot = np.empty((most, L.POSE_WIDTH)), 0, -1
+        while i < events.shape[0]:
+            out[2][:] = 0
+            i, n, slot = timeline.run_batch(state, events, i, slot, whole.parameters, 5.0, buffer, out)
+            written.append(buffer[:n].copy())
+        return np.concatenate(written)
+
+    np.testing.assert_array_equal(poses(1), poses(1000))
