@@ -15,7 +15,7 @@ from mavkf.compiled import compiled
 from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
-from mavkf.navigation.fusing import note
+from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import (
@@ -93,12 +93,8 @@ def watch_position(s, out):
         if s[L.MODEL] == L.TELEMETRY:
             leave(s)
         s[L.MODEL] = L.CONSTANT_VELOCITY
-        for first in (VEL, POS):
-            for i in range(first, first + 3):
-                for j in range(P.shape[0]):
-                    P[i, j] = 0.0
-                    P[j, i] = 0.0
-                P[i, i] = 100.0 if first == VEL else 1e6
+        forget(s, VEL, 3, 100.0)
+        forget(s, POS, 3, 1e6)
         s[V : V + 3] = 0.0
 
 

@@ -122,3 +122,15 @@ def forget(s, first, count, variance):
             P[i, j] = 0.0
             P[j, i] = 0.0
         P[i, i] = variance
+
+
+@compiled
+def widen(s, n):
+    """Give the covariance n rows; the new ones are zero."""
+    old = L.covariance(s).copy()
+    s[L.STATES] = n
+    P = L.covariance(s)
+    P[:, :] = 0.0
+    for i in range(old.shape[0]):
+        for j in range(old.shape[0]):
+            P[i, j] = old[i, j]

@@ -7,7 +7,7 @@ from mavkf.models import telemetry
 from mavkf.models.strapdown import BA, BG, DBG, N
 from mavkf.models.telemetry import DOMEGA, FORCE, OMEGA
 from mavkf.navigation import layout as L
-from mavkf.navigation.fusing import forget, fuse
+from mavkf.navigation.fusing import forget, fuse, widen
 from mavkf.navigation.layout import Reason, Sensor
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
@@ -55,18 +55,6 @@ def enter(s, e, c):
             for j in range(3):
                 P[error + i, error + j] = P[bias_error + i, bias_error + j]
             P[error + i, error + i] += sample_variance(s, e, c, k)
-
-
-@compiled
-def widen(s, n):
-    """Give the covariance n rows; the new ones are zero."""
-    old = L.covariance(s).copy()
-    s[L.STATES] = n
-    P = L.covariance(s)
-    P[:, :] = 0.0
-    for i in range(old.shape[0]):
-        for j in range(old.shape[0]):
-            P[i, j] = old[i, j]
 
 
 @compiled

@@ -23,7 +23,7 @@ def use_barometer(s, e, c, out):
     """Fuse a pressure; the first one after a position was found sets the bias."""
     if s[L.POSITION_KNOWN] == 0.0 or c[Parameter.USE_BAROMETER] == 0.0:
         return
-    if e[PRESSURE] <= 0.0 or (math.isfinite(s[L.T_BAROMETER]) and not s[L.T] > s[L.T_BAROMETER] + 1e-6):
+    if math.isfinite(s[L.T_BAROMETER]) and not s[L.T] > s[L.T_BAROMETER] + 1e-6:
         s[L.DUPLICATES] += 1.0
         return
     if changed(s, e, out, NoteCode.BAROMETER_CHANGED, L.PRESSURE_USED, s[L.T_BAROMETER]):

@@ -1,8 +1,7 @@
 """What is known of the vehicle's class in the fold: wheels do not slip, rotors drag, wings fly nose first.
 
-The error of such knowledge lasts: a car that slips does so for a bend, a gust for seconds. A sequence of errors of variance sigma^2 with
-correlation phi from one to the next holds as much information as independent ones of variance sigma^2 (1 + phi) / (1 - phi): it is judged
-by the first and fused with the second.
+The error of such knowledge lasts: a car that slips does so for a bend, a gust for seconds. It is judged by its variance and fused with
+what such errors tell together (`receivers.lasting`).
 """
 
 import math
@@ -17,10 +16,11 @@ from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import HEIGHT, Q, V
 from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
 from mavkf.navigation import layout as L
-from mavkf.navigation.fusing import fuse_lasting
+from mavkf.navigation.fusing import fuse_lasting, widen
 from mavkf.navigation.layout import Sensor
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.receivers import lasting
 from mavkf.samples import DIFFERENTIAL_PRESSURE, PRESSURE
 
 ROVER_PERIOD, AIR_PERIOD = 0.5, 1.0  # s between updates
@@ -58,14 +58,8 @@ def begin_class(s, c):
     """Give the states of the class their place and prior; none where nothing is known of it."""
     if c[Parameter.CLASS] == 0.0:
         return
-    n = int(s[L.STATES])
-    s[L.STATES] = STATES_MOST - 1 if c[Parameter.CLASS] == ROVER else STATES_MOST
-    old = s[L.P : L.P + n * n].reshape((n, n)).copy()
+    widen(s, STATES_MOST - 1 if c[Parameter.CLASS] == ROVER else STATES_MOST)
     P = L.covariance(s)
-    P[:, :] = 0.0
-    for i in range(n):
-        for j in range(n):
-            P[i, j] = old[i, j]
     s[L.T_CLASS] = np.nan
     s[L.SCALE_LASTING] = 1.0
     s[L.T_AIRSPEED] = np.nan
@@ -82,12 +76,6 @@ def begin_class(s, c):
     P[DCLASS + 2, DCLASS + 2] = last * last
     if c[Parameter.CLASS] == WING:
         P[DSLIP, DSLIP] = SLIP_SIGMA**2
-
-
-@compiled
-def inflation(dt, lasting):
-    """How much less a sequence of errors says that last (s) than independent ones, dt (s) apart: (1 + phi) / (1 - phi)."""
-    return 1.0 / math.tanh(0.5 * dt / lasting)
 
 
 @compiled
@@ -188,10 +176,10 @@ def use_wheels(s, e, c, out, C, dt):
         rough = ROUGH if i == 0 else ROUGH_VERTICAL
         white = rough * rough + (FLEX * speed) ** 2
         R[i, i] = s[L.SCALE_CLASS + i] * (white + slip * slip)
-        lasting = s[L.SCALE_CLASS + i] * (white + slip * slip * inflation(dt, BEND))
+        told = s[L.SCALE_CLASS + i] * (white + slip * slip * lasting(dt, BEND))
         if speed > ROLLING:
             teach_lasting(s, i, r[i], teach(s, i, r[i], H, i, R[i, i], LEAST_ROVER_SCALE), 1.0)
-        R_lasting[i, i] = lasting * s[L.SCALE_LASTING]
+        R_lasting[i, i] = told * s[L.SCALE_LASTING]
     fuse_lasting(s, e, c, out, Sensor.WHEELS, r, H, R, R_lasting)
 
 
@@ -226,7 +214,7 @@ def use_drag(s, e, c, out, C, dt):
     for i in range(2):
         r[i] = -h[i]
         R[i, i] = k * k * (gust + misfit) + white
-        R_lasting[i, i] = k * k * (gust + misfit * inflation(dt, MISFIT_TIME)) + white
+        R_lasting[i, i] = k * k * (gust + misfit * lasting(dt, MISFIT_TIME)) + white
     for i in range(2):
         teach_lasting(s, i, r[i], teach(s, 0, r[i], H, i, R[i, i], LEAST_AIR_SCALE), LEAST_WIND)
     fuse_air(s, e, c, out, Sensor.DRAG, r, H, R, R_lasting)
