@@ -130,7 +130,8 @@ def same_fix(s, e):
     """Whether a fix is the main receiver's last one, told by another message."""
     k = book_of(s[L.MAIN]) + L.F_FIX
     place = e[LATITUDE] == s[k] and e[LONGITUDE] == s[k + 1] and e[HEIGHT_AMSL] == s[k + 2]
-    return place and e[VELOCITY_N] == s[k + 3] and e[VELOCITY_E] == s[k + 4]
+    untold = not (math.isfinite(e[VELOCITY_N]) or math.isfinite(s[k + 3]))
+    return place and (untold or (e[VELOCITY_N] == s[k + 3] and e[VELOCITY_E] == s[k + 4]))
 
 
 @compiled

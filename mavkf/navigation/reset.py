@@ -137,7 +137,8 @@ def refuse_or_reset(s, e, c, out, b):
     s[b + L.F_REFUSED_COUNT] += 1.0
     s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], vn, ve
     # fixes whose velocity is refused as well have a filter against them that is wrong itself: a shock, a wild manoeuvre
-    wrong = not s[b + L.F_T_VELOCITY] >= s[b + L.F_REFUSED_SINCE]
+    told = math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])
+    wrong = told and not s[b + L.F_T_VELOCITY] >= s[b + L.F_REFUSED_SINCE]
     patience = min(c[Parameter.RESET], PATIENCE_WITH_ITSELF) if wrong else c[Parameter.RESET]
     if s[L.T] - s[b + L.F_REFUSED_SINCE] >= patience and s[b + L.F_REFUSED_COUNT] >= FIXES_TO_START:
         other = other_in_agreement(s)

@@ -11,9 +11,21 @@ from mavkf.navigation.estimator import Offline, run_offline
 from mavkf.navigation.layout import NoteCode, Sensor
 from mavkf.navigation.receivers import become_main, book_of, lasting, set_colour
 from mavkf.navigation.records import RecordWriter
-from mavkf.samples import FIX, KIND, LATITUDE, LONGITUDE, SIGMA_HORIZONTAL, SIGMA_VERTICAL, SOURCE, TIME, Kind, Source
+from mavkf.samples import (
+    FIX,
+    KIND,
+    LATITUDE,
+    LONGITUDE,
+    SIGMA_HORIZONTAL,
+    SIGMA_VERTICAL,
+    SOURCE,
+    TIME,
+    VELOCITY_N,
+    Kind,
+    Source,
+)
 
-from ._session import CONFIG, ORIGIN, RADII, merged, position_error, second_receiver, session, without
+from ._session import CONFIG, ORIGIN, RADII, copied, merged, position_error, second_receiver, session, without
 
 Array = np.ndarray
 ONE, TWO = Source.GPS_RAW_INT, Source.GPS2_RAW
@@ -184,6 +196,32 @@ def test_the_same_fix_in_another_message_counts_once(rows: Array) -> None:
     twice, once = run_offline(merged(rows, echo), CONFIG), run_offline(rows, CONFIG)
     np.testing.assert_array_equal(twice.state[: L.T + 1], once.state[: L.T + 1])
     assert twice.state[L.DUPLICATES] > once.state[L.DUPLICATES] + 150
+
+
+def test_the_same_fix_without_a_velocity_counts_once(rows: Array) -> None:
+    untold = rows.copy()
+    untold[of(rows, ONE), VELOCITY_N : VELOCITY_N + 3] = np.nan
+    twice = merged(untold, copied(untold, Kind.GNSS, TWO))
+    once = run_offline(untold, CONFIG).output
+    both = run_offline(twice, CONFIG).output
+    assert not innovations(both, Sensor.GNSS_POSITION, TWO).size
+    assert innovations(both, Sensor.GNSS_POSITION, ONE).shape == innovations(once, Sensor.GNSS_POSITION, ONE).shape
+
+
+def test_the_first_velocity_of_a_receiver_that_begins_later_is_a_measurement(rows: Array) -> None:
+    other = second_receiver()
+    both = run_offline(merged(rows, other[other[:, TIME] > 120.0]), CONFIG).output
+    first = innovations(both, Sensor.GNSS_VELOCITY, TWO)[0]
+    assert first[L.I_FUSED] == 1.0
+    assert np.all(np.isfinite(first))
+
+
+def test_a_short_jump_of_a_receiver_without_velocity_is_waited_out(rows: Array) -> None:
+    jumped = rows.copy()
+    mine = of(rows, ONE)
+    jumped[mine, VELOCITY_N : VELOCITY_N + 3] = np.nan
+    jumped[mine & (rows[:, TIME] > 120.0) & (rows[:, TIME] < 125.0), LATITUDE] += 60.0 / RADII[0]
+    assert not events(run_offline(jumped, CONFIG).output, NoteCode.POSITION_RESET).size
 
 
 def test_a_receiver_that_never_had_a_fix_gives_way_to_one_that_has(rows: Array) -> None:
