@@ -12,7 +12,7 @@ from mavkf.errors import UsageError
 from mavkf.filters.chi_square import limit
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.navigation import layout as L
-from mavkf.navigation.classes import used_class
+from mavkf.navigation.classes import class_reason, used_class
 from mavkf.navigation.delays import ARDUPILOT, DELAYS, NO_DELAYS
 from mavkf.navigation.parameter import PARAMETERS, Parameter
 from mavkf.navigation.reserves import BAROMETER_SOURCES, imus_with_reserve, with_reserve
@@ -201,6 +201,8 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     order = ([source] if source is not None else []) + list(IMU_SOURCES)
     magnetometer = _first_of(rows, Kind.MAGNETOMETER, order, source)
     barometer = _first_of(rows, Kind.BAROMETER, BAROMETER_SOURCES, Source.SCALED_PRESSURE)
+
+    reasons.append(class_reason(_latest(rows, VEHICLE_TYPE), vehicle.use_class))
 
     def delay(configured: float | None, name: str) -> float:
         return delays[name] if configured is None else configured

@@ -129,3 +129,22 @@ def test_magnetometer_of_the_chosen_imu_first() -> None:
     assert choose(imu(Source.RAW_IMU, 5.0), Config()).magnetometer is Source.RAW_IMU
     assert choose(imu(Source.RAW_IMU, 5.0), Config()).barometer is Source.SCALED_PRESSURE
     assert choose(sensor(Kind.BAROMETER, Source.SCALED_PRESSURE3, 5.0), Config()).barometer is Source.SCALED_PRESSURE3
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "said"),
+    [(2, "multirotor"), (1, "fixed wing"), (10, "rover"), (11, "none: nothing is known of HEARTBEAT.type 11")],
+)
+def test_the_class_is_told_with_its_reason(vehicle: int, said: str) -> None:
+    rows = np.concatenate([imu(Source.RAW_IMU, 50.0), heartbeat(3, vehicle)])
+    told = [reason for reason in choose(rows, Config()).reasons if reason.startswith("vehicle class")]
+    assert len(told) == 1
+    assert said in told[0]
+    assert f"HEARTBEAT.type {vehicle}" in told[0]
+
+
+def test_no_class_is_told_with_its_reason() -> None:
+    assert any("class none: no HEARTBEAT" in reason for reason in choose(imu(Source.RAW_IMU, 50.0), Config()).reasons)
+    off = with_settings(Config(), ["vehicle.use_class=false"])
+    rows = np.concatenate([imu(Source.RAW_IMU, 50.0), heartbeat(3, 2)])
+    assert any("class none: its use is switched off" in reason for reason in choose(rows, off).reasons)
