@@ -7,7 +7,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_matrix
-from mavkf.models.strapdown import BA, BG, DBA, DBARO, DBG, THETA, Q
+from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.layout import NoteCode
@@ -17,6 +17,9 @@ DURATION = 1.0  # s
 SAMPLES = 4  # a slow IMU takes longer
 # Still: what a vehicle on the ground shows, propellers off or idling.
 STILL_RATE, STILL_RATE_SPREAD, STILL_FORCE_SPREAD, STILL_FORCE = 0.05, 0.02, 0.3, 0.6  # rad/s, rad/s, m/s^2, m/s^2
+STILL_SPEED = (
+    1.0  # m/s: what no receiver shows of a vehicle that stands; steady braking looks as still as standing does
+)
 YAW_ARBITRARY = (
     0.01  # rad: one sigma about a heading that is arbitrary until yaw is found, so that levelling does not turn it
 )
@@ -53,6 +56,7 @@ def collect(s, e_imu, t, c, out):
         and spread[0] < STILL_RATE_SPREAD**2
         and spread[1] < STILL_FORCE_SPREAD**2
         and abs(force - STANDARD_GRAVITY) < STILL_FORCE
+        and math.hypot(s[L.GNSS_SPEED], s[L.GNSS_SPEED + 1]) < STILL_SPEED
     )
     x = s[L.X : L.P]
     # f_b = -C_nb' g: roll and pitch of the specific force
@@ -61,13 +65,21 @@ def collect(s, e_imu, t, c, out):
     quaternion_from_euler(roll, pitch, 0.0, x[Q : Q + 4])
     x[BG : BG + 3] = mean[0:3] if still else np.zeros(3)
     x[BA : BA + 3] = 0.0
-    set_covariance(s, c, still, math.sqrt(spread[1]) + abs(force - STANDARD_GRAVITY))
+    # what makes the force longer or shorter than gravity, where it lies across it: a^2 = f^2 - g^2
+    set_covariance(s, c, still, math.sqrt(spread[1] + abs(force * force - STANDARD_GRAVITY**2)))
     s[L.ALIGNED] = 1.0
     s[L.YAW_KNOWN] = 0.0
     s[L.T] = t
     P = L.covariance(s)
     note(out, NoteCode.ALIGNED, s[L.ALIGN_START], t, math.sqrt(P[THETA, THETA]), 1.0 if still else 0.0, force)
     return True
+
+
+@compiled
+def doubt_stillness(s, c):
+    """Align as a moving vehicle does after all, where the first fix shows one that must have moved when it seemed still."""
+    s[BG : BG + 3] = 0.0
+    set_covariance(s, c, False, c[Parameter.ACCELERATION])
 
 
 @compiled
@@ -86,7 +98,6 @@ def set_covariance(s, c, still, unrest):
     forget(s, THETA, 3, 0.0)
     forget(s, DBG, 3, GYRO_STILL**2 if still else c[Parameter.GYRO_BIAS] ** 2)
     forget(s, DBA, 3, bias)
-    forget(s, DBARO, 1, 1.0)
     for i in range(2):
         P[THETA + i, THETA + i] = bias / STANDARD_GRAVITY**2 + other
         sign = 1.0 if i == 0 else -1.0
@@ -98,7 +109,7 @@ def set_covariance(s, c, still, unrest):
 
 @compiled
 def turn_heading(s, turn, variance):
-    """Turn the attitude about down by an angle (rad) and give the heading this variance (rad^2), free of all else.
+    """Turn the attitude about down by an angle (rad): the heading is known from now on, with this variance (rad^2), free of all else.
 
     The tilt's part of P turns with it: it is the error of the same body axes, seen from another north.
     """
@@ -114,3 +125,5 @@ def turn_heading(s, turn, variance):
         P[j, THETA] = c * north - d * east
         P[j, THETA + 1] = d * north + c * east
     forget(s, THETA + 2, 1, variance)
+    s[L.YAW_KNOWN] = 1.0
+    s[L.BANK_UPDATES] = 0.0

@@ -212,6 +212,8 @@ def coast(s, c, t):
     model = s[L.MODEL]
     s[L.MODEL] = L.CONSTANT_VELOCITY
     s[L.BANK_UPDATES] = 0.0  # the guesses have missed a motion
+    s[L.RESTING] = 0.0  # nor has anybody seen that it still stands
+    s[L.REST_SINCE] = np.nan
     still = np.zeros(6)
     still[0:3] = s[BG : BG + 3]
     steps = min(100, int(dt) + 1)

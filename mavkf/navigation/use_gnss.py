@@ -20,6 +20,7 @@ from mavkf.models.strapdown import (
     offset,
 )
 from mavkf.navigation import layout as L
+from mavkf.navigation.alignment import STILL_SPEED, doubt_stillness
 from mavkf.navigation.antenna import mounting
 from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING, forget, fuse, fuse_lasting, note
 from mavkf.navigation.layout import NoteCode, Reason, Sensor
@@ -80,15 +81,19 @@ def use_gnss(s, e, c, out):
         s[b + L.F_SINCE] = e[TIME]
     s[b + L.F_T_BEFORE] = s[b + L.F_T]
     s[b + L.F_T] = e[TIME]
+    first = not math.isfinite(s[L.T_FIX])
     s[L.T_FIX] = e[TIME]
     main = is_main(s, e, c, out)
     if main and math.isfinite(e[HEIGHT_ELLIPSOID]):
         s[L.UNDULATION] = e[HEIGHT_ELLIPSOID] - e[HEIGHT_AMSL]
     if not math.isfinite(s[L.DECLINATION]):
         set_field(s, e, c)
-    use_gnss_yaw(s, e, c, out)
     if main:
         follow_speed(s, e, b)
+    speed = math.hypot(s[L.GNSS_SPEED], s[L.GNSS_SPEED + 1])
+    if first and s[L.ALIGNED] != 0.0 and speed > STILL_SPEED + c[Parameter.ACCELERATION] * (s[L.T] - s[L.ALIGN_START]):
+        doubt_stillness(s, c)
+    use_gnss_yaw(s, e, c, out)
     if s[L.POSITION_KNOWN] == 0.0:
         if main:
             start_position(s, e, c, out, b)
@@ -265,7 +270,8 @@ def fuse_velocity(s, e, c, out, b):
     main = e[SOURCE] == s[L.MAIN]
     if not main:
         # its delay is its own: a a' sigma_delay^2, for as long as an acceleration lasts
-        times = lasting(e[TIME] - s[b + L.F_T_BEFORE], ACCELERATION_LASTS)
+        dt = e[TIME] - s[b + L.F_T_BEFORE]
+        times = lasting(dt, ACCELERATION_LASTS) if math.isfinite(dt) else 1.0
         for i in range(3):
             H[i, DDELAY] = 0.0
             for j in range(3):

@@ -60,7 +60,5 @@ def use_gnss_yaw(s, e, c, out):
 def align_heading(s, turn, variance, out):
     """Turn the attitude by an angle (rad) to a heading of this variance (rad^2), free of all else."""
     turn_heading(s, turn, variance)
-    s[L.YAW_KNOWN] = 1.0
-    s[L.BANK_UPDATES] = 0.0
     s[L.YAW_REFUSED_SINCE] = np.nan
     note(out, NoteCode.YAW_FROM_GNSS, s[L.T], s[L.T], abs(turn), math.sqrt(variance), 0.0)

@@ -12,6 +12,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.fusing import fuse
 from mavkf.navigation.layout import Reason, Sensor
 from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.yaw_bank import relevel_bank
 from mavkf.samples import GYRO_RESOLUTION
 
 LEVEL_PERIOD = 0.1  # s between levelling updates
@@ -57,11 +58,20 @@ def level(s, e, c, out):
     moving = s[L.POSITION_KNOWN] != 0.0 and math.hypot(x[V], x[V + 1]) > 1.0
     variance = LEVEL_QUIET**2 + (size - STANDARD_GRAVITY) ** 2 + s[L.DIFFERENCE_ACCEL]
     if moving:
-        variance += LEVEL_MOVING**2
+        # in a turn the acceleration is speed times rate, however steady it looks
+        turn = C[2, 0] * s[L.RATE] + C[2, 1] * s[L.RATE + 1] + C[2, 2] * s[L.RATE + 2]
+        variance += LEVEL_MOVING**2 + (x[V] * x[V] + x[V + 1] * x[V + 1]) * turn * turn
     R = np.zeros((2, 2))
     R[0, 0] = variance * max(1.0, c[Parameter.ACCELERATION_TIME] / max(since, 1e-3))
     R[1, 1] = R[0, 0]
     fuse(s, e, c, out, Sensor.GRAVITY, r, H, R, Reason.FUSED)
+    if s[L.BANK_UPDATES] > 0.0:
+        rotation_matrix(x[Q : Q + 4], C)
+        for j in range(3):
+            f[j] = s[L.IMU + 3 + j] - x[BA + j]
+        north = C[0, 0] * f[0] + C[0, 1] * f[1] + C[0, 2] * f[2]
+        east = C[1, 0] * f[0] + C[1, 1] * f[1] + C[1, 2] * f[2]
+        relevel_bank(s, north - r[0], east - r[1])
 
 
 @compiled

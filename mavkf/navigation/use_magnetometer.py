@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
-from mavkf.filters.joseph import row_variance
+from mavkf.filters.joseph import invert, row_variance
 from mavkf.models import magnetometer
 from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, Q
@@ -102,9 +102,36 @@ def use_magnetometer(s, e, c, out):
             return
         size = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
         note(out, NoteCode.MAGNETOMETER_RELEARNT, since_when, s[L.T], size, 0.0, 0.0)
+        relearn_iron(s, r)
+
+
+@compiled
+def relearn_iron(s, r):
+    """Take r (3,), T, for a change of the vehicle's own field, or for one that it has only now got rid of: nothing tells which.
+
+    In the second case all that rests on its old value was wrong by dx = P_xi P_ii^-1 r, and its new one is by r: one error of
+    covariance (dx, r)(dx, r)'. A heading that nothing but the field has told is then as uncertain as it would be wrong; one that the
+    motion has confirmed hardly hangs on it.
+    """
+    P = L.covariance(s)
+    own = np.empty((3, 3))
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            own[i, j] = P[DIRON + i, DIRON + j]
+    dx = np.zeros(P.shape[0])
+    if invert(own, inverse) > 0.0:
         for i in range(3):
-            x[IRON + i] += r[i]
-            forget(s, DIRON + i, 1, RELEARN**2)
+            w = inverse[i, 0] * r[0] + inverse[i, 1] * r[1] + inverse[i, 2] * r[2]
+            for k in range(P.shape[0]):
+                dx[k] += P[k, DIRON + i] * w
+    for i in range(3):
+        s[IRON + i] += r[i]
+        dx[DIRON + i] = r[i]
+    forget(s, DIRON, 3, RELEARN**2)
+    for k in range(P.shape[0]):
+        for m in range(P.shape[0]):
+            P[k, m] += dx[k] * dx[m]
 
 
 @compiled
@@ -125,6 +152,5 @@ def first_heading(s, C, mx, my, mz, out):
         x[EARTH_FIELD] = horizontal * math.cos(s[L.DECLINATION])
         x[EARTH_FIELD + 1] = horizontal * math.sin(s[L.DECLINATION])
         x[EARTH_FIELD + 2] = down
-    s[L.YAW_KNOWN] = 1.0
     note(out, NoteCode.YAW_ALIGNED, s[L.T], s[L.T], abs(turn), s[L.DECLINATION], strength)
     return True

@@ -1,9 +1,11 @@
 """Yaw without a compass: a bank of small filters, each with a guess of the heading, weighed by how well it explains the GNSS velocity.
 
-Hypothesis i holds a velocity (m/s) and the angle psi (rad) by which north of the state's attitude, whose heading is arbitrary, is off:
+Hypothesis i holds a velocity (m/s), the angle psi (rad) by which north of the state's attitude, whose heading is arbitrary, is off, and
+what the error of the tilt does to the horizontal acceleration in that frame (m/s^2):
 
-    v <- v + Rz(psi) a' dt,   a' the horizontal acceleration seen by the levelled accelerometer
+    v <- v + Rz(psi) (a' + b) dt,   a' the horizontal acceleration seen by the levelled accelerometer
 
+An attitude that was found in the middle of a turn takes the acceleration for gravity: a' is then wrong by as much as it shows, and lasts.
 Gaussian sum filter: Alspach and Sorenson, "Nonlinear Bayesian Estimation Using Gaussian Sum Approximations", IEEE Trans. Automatic Control
 17(4), 1972. While the vehicle does not accelerate no guess is better than another and yaw stays unknown.
 """
@@ -15,7 +17,7 @@ import numpy as np
 from mavkf.compiled import compiled
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix, wrap_angle
-from mavkf.models.strapdown import BA, THETA, Q
+from mavkf.models.strapdown import BA, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.fusing import note
@@ -25,27 +27,52 @@ from mavkf.navigation.receivers import way_since, white_variance
 from mavkf.samples import SIGMA_SPEED, TIME, VELOCITY_E, VELOCITY_N
 
 ACCELERATION_NOISE = 0.3  # m/s^2/sqrt(Hz): a tilt of two degrees, lasting a second
-TILT_TIME = 1.0  # s
 HEADING_NOISE = 5e-3  # rad/sqrt(s): what an unknown gyro bias turns
+FORGOTTEN = 4.0  # times the variance of the tilt, at which a guess's own error of it is begun anew
 CERTAIN = math.radians(10.0)  # one sigma, at which the bank becomes one filter
 LEAST_UPDATES = 10
-# Columns of a hypothesis: velocity, heading, their covariance, weight (a logarithm), and what was covered since the last fix, m
-VN, VE, PSI, P00, P01, P02, P11, P12, P22, WEIGHT, DN, DE = range(12)
+# Columns of a hypothesis: velocity, heading, acceleration by the tilt's error; their covariance (5, 5); weight (a logarithm); and what was
+# covered since the last fix, m
+VN, VE, PSI, BN, BE = range(5)
+M = 5
+COVARIANCE, WEIGHT, DN, DE = M, M + M * M, M + M * M + 1, M + M * M + 2
+
+
+@compiled
+def guesses(s):
+    """The bank (GUESSES, GUESS) of a state, as a view."""
+    return s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
+
+
+@compiled
+def covariance_of(b):
+    """P (M, M) of a hypothesis, as a view."""
+    return b[COVARIANCE : COVARIANCE + M * M].reshape((M, M))
+
+
+@compiled
+def tilt_variances(s):
+    """Variances of an axis of the tilt (rad^2) and of the gyro bias ((rad/s)^2), of the axis that is known worst."""
+    P = L.covariance(s)
+    tilt = max(P[THETA, THETA], P[THETA + 1, THETA + 1])
+    return tilt, max(P[DBG, DBG], P[DBG + 1, DBG + 1], P[DBG + 2, DBG + 2])
 
 
 @compiled
 def begin_bank(s, v):
     """Spread the guesses evenly over the circle, each with the velocity v."""
-    bank = s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
+    bank = guesses(s)
+    bank[:, :] = 0.0
     width = 2.0 * math.pi / L.GUESSES
+    tilt, _ = tilt_variances(s)
     for i in range(L.GUESSES):
-        for j in range(L.GUESS):
-            bank[i, j] = 0.0
         bank[i, VN], bank[i, VE] = v[0], v[1]
         bank[i, PSI] = -math.pi + (i + 0.5) * width
-        bank[i, P00] = 0.5**2
-        bank[i, P11] = 0.5**2
-        bank[i, P22] = (0.6 * width) ** 2
+        own = covariance_of(bank[i])
+        for j in range(2):
+            own[VN + j, VN + j] = 0.5**2
+            own[BN + j, BN + j] = STANDARD_GRAVITY**2 * tilt
+        own[PSI, PSI] = (0.6 * width) ** 2
     s[L.BANK_UPDATES] = 1.0
     s[L.BANK_SINCE] = s[L.T]
 
@@ -55,56 +82,80 @@ def predict_bank(s, imu0, imu1, dt):
     """Advance every guess by dt (s) with the samples (6,) at both ends."""
     C = np.empty((3, 3))
     rotation_matrix(s[Q : Q + 4], C)
-    # a wrong tilt is an acceleration that lasts
-    P = L.covariance(s)
-    tilt = STANDARD_GRAVITY**2 * max(P[THETA, THETA], P[THETA + 1, THETA + 1]) * TILT_TIME
-    noise = ACCELERATION_NOISE**2 + tilt
     an, ae = 0.0, 0.0
     for j in range(3):
         f = 0.5 * (imu0[3 + j] + imu1[3 + j]) - s[BA + j]
         an += C[0, j] * f
         ae += C[1, j] * f
-    bank = s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
+    # an error of the gyro bias turns the tilt steadily: (g sigma t)^2
+    tilt, bias = tilt_variances(s)
+    drift = 2.0 * STANDARD_GRAVITY**2 * bias * (s[L.T] - s[L.BANK_SINCE] + 0.5 * dt) * dt
+    bank = guesses(s)
+    Phi = np.eye(M)
+    A = np.empty((M, M))
     for i in range(L.GUESSES):
         b = bank[i]
         cos, sin = math.cos(b[PSI]), math.sin(b[PSI])
-        north, east = cos * an - sin * ae, sin * an + cos * ae
+        north = cos * (an + b[BN]) - sin * (ae + b[BE])
+        east = sin * (an + b[BN]) + cos * (ae + b[BE])
         b[DN] += (b[VN] + 0.5 * north * dt) * dt
         b[DE] += (b[VE] + 0.5 * east * dt) * dt
         b[VN] += north * dt
         b[VE] += east * dt
         # dv/dpsi = (-a_E, a_N) dt
-        fn, fe = -east * dt, north * dt
-        p02, p12, p22 = b[P02], b[P12], b[P22]
-        b[P00] += 2.0 * fn * p02 + fn * fn * p22 + noise * dt
-        b[P01] += fn * p12 + fe * p02 + fn * fe * p22
-        b[P11] += 2.0 * fe * p12 + fe * fe * p22 + noise * dt
-        b[P02] += fn * p22
-        b[P12] += fe * p22
-        b[P22] += HEADING_NOISE**2 * dt
+        Phi[VN, PSI], Phi[VE, PSI] = -east * dt, north * dt
+        Phi[VN, BN], Phi[VN, BE] = cos * dt, -sin * dt
+        Phi[VE, BN], Phi[VE, BE] = sin * dt, cos * dt
+        P = covariance_of(b)
+        for j in range(M):
+            for k in range(M):
+                A[j, k] = 0.0
+                for m in range(M):
+                    A[j, k] += Phi[j, m] * P[m, k]
+        for j in range(M):
+            for k in range(j, M):
+                total = 0.0
+                for m in range(M):
+                    total += A[j, m] * Phi[k, m]
+                P[j, k] = total
+                P[k, j] = total
+        for j in range(2):
+            P[VN + j, VN + j] += ACCELERATION_NOISE**2 * dt
+            P[BN + j, BN + j] += drift
+        P[PSI, PSI] += HEADING_NOISE**2 * dt
+        if max(P[BN, BN], P[BE, BE]) > FORGOTTEN * STANDARD_GRAVITY**2 * tilt:
+            # what levelling has found since says more
+            for j in range(2):
+                b[BN + j] = 0.0
+                P[BN + j, :] = 0.0
+                P[:, BN + j] = 0.0
+                P[BN + j, BN + j] = STANDARD_GRAVITY**2 * tilt
+
+
+@compiled
+def relevel_bank(s, north, east):
+    """Levelling has changed the horizontal acceleration a' by so much (m/s^2), and its error with it: their sum stays."""
+    bank = guesses(s)
+    for i in range(L.GUESSES):
+        bank[i, BN] -= north
+        bank[i, BE] -= east
 
 
 @compiled
 def weigh(b, r0, r1, variance):
     """Update one guess with a velocity innovation of this variance per axis, in place; its weight by the likelihood."""
-    s00, s01, s11 = b[P00] + variance, b[P01], b[P11] + variance
+    P = covariance_of(b)
+    s00, s01, s11 = P[VN, VN] + variance, P[VN, VE], P[VE, VE] + variance
     determinant = s00 * s11 - s01 * s01
     i00, i01, i11 = s11 / determinant, -s01 / determinant, s00 / determinant
     b[WEIGHT] -= 0.5 * (r0 * (i00 * r0 + i01 * r1) + r1 * (i01 * r0 + i11 * r1)) + 0.5 * math.log(determinant)
-    # columns of P that the velocity sees: (P00, P01), (P01, P11), (P02, P12)
-    p00, p01, p02, p11, p12 = b[P00], b[P01], b[P02], b[P11], b[P12]
-    k00, k01 = p00 * i00 + p01 * i01, p00 * i01 + p01 * i11
-    k10, k11 = p01 * i00 + p11 * i01, p01 * i01 + p11 * i11
-    k20, k21 = p02 * i00 + p12 * i01, p02 * i01 + p12 * i11
-    b[VN] += k00 * r0 + k01 * r1
-    b[VE] += k10 * r0 + k11 * r1
-    b[PSI] += k20 * r0 + k21 * r1
-    b[P00] -= k00 * p00 + k01 * p01
-    b[P01] -= k00 * p01 + k01 * p11
-    b[P02] -= k00 * p02 + k01 * p12
-    b[P11] -= k10 * p01 + k11 * p11
-    b[P12] -= k10 * p02 + k11 * p12
-    b[P22] -= k20 * p02 + k21 * p12
+    columns = P[:, :2].copy()
+    for j in range(M):
+        k0 = columns[j, 0] * i00 + columns[j, 1] * i01
+        k1 = columns[j, 0] * i01 + columns[j, 1] * i11
+        b[j] += k0 * r0 + k1 * r1
+        for k in range(M):
+            P[j, k] -= k0 * columns[k, 0] + k1 * columns[k, 1]
 
 
 @compiled
@@ -138,7 +189,7 @@ def use_bank(s, e, c, out, b):
         return
     way = not math.isfinite(e[VELOCITY_N])
     dt = e[TIME] - s[b + L.F_T_BEFORE]
-    bank = s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
+    bank = guesses(s)
     best = -np.inf
     for i in range(L.GUESSES):
         north = bank[i, DN] / dt if way else bank[i, VN]
@@ -158,10 +209,8 @@ def use_bank(s, e, c, out, b):
     spread = 0.0
     for i in range(L.GUESSES):
         w = math.exp(bank[i, WEIGHT]) / total
-        spread += w * (bank[i, P22] + wrap_angle(bank[i, PSI] - mean) ** 2)
+        spread += w * (covariance_of(bank[i])[PSI, PSI] + wrap_angle(bank[i, PSI] - mean) ** 2)
     s[L.BANK_UPDATES] += 1.0
     if spread < CERTAIN**2 and s[L.BANK_UPDATES] >= LEAST_UPDATES:
         turn_heading(s, mean, spread)
-        s[L.YAW_KNOWN] = 1.0
-        s[L.BANK_UPDATES] = 0.0
         note(out, NoteCode.YAW_FROM_MOTION, s[L.BANK_SINCE], s[L.T], math.sqrt(spread), 0.0, 0.0)

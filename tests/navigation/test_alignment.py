@@ -11,7 +11,7 @@ from mavkf.models.rotation import (
     quaternion_from_euler,
     rotation_matrix,
 )
-from mavkf.models.strapdown import BG, DBA, DBG, THETA, Q
+from mavkf.models.strapdown import BG, DBA, DBARO, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.parameter import Parameter
@@ -150,6 +150,30 @@ def test_a_fall_aligns_nothing() -> None:
     for i in range(500):
         assert not collect(s, np.full(6, 0.1), 50.0 + 0.01 * i, c, out)
     assert s[L.ALIGNED] == 0.0
+
+
+def test_an_attitude_found_late_leaves_the_barometer_tied_to_the_height() -> None:
+    # a position and the bias of the barometer against it may be there before the IMU
+    s, c = new_state()
+    P = covariance(s)
+    P[8, 8], P[8, DBARO], P[DBARO, 8], P[DBARO, DBARO] = 4.0, 4.0, 4.0, 4.16
+    before = P[DBARO].copy()
+    out = outputs()
+    for i in range(200):
+        collect(s, np.array([0.0, 0.0, 0.0, 0.0, 0.0, -G]), 50.0 + 0.01 * i, c, out)
+    assert s[L.ALIGNED] == 1.0
+    np.testing.assert_array_equal(P[DBARO], before)
+
+
+def test_steady_braking_is_not_standing_still_for_a_receiver_that_sees_it_move() -> None:
+    s, c = new_state()
+    s[L.GNSS_SPEED] = 12.0
+    out = outputs()
+    for i in range(200):
+        if collect(s, np.array([0.0, 0.0, 0.0, -1.33, 0.0, -G]), 50.0 + 0.01 * i, c, out):
+            break
+    assert out[1][0, L.NOTE_A] == 0.0
+    assert np.sqrt(covariance(s)[1, 1]) > 1.33 / G
 
 
 def test_this_file_measures_tilt_right() -> None:
