@@ -8,6 +8,7 @@ from mavkf.models.earth import gravity
 from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import Offline, run_offline
 from mavkf.navigation.layout import Flag, ModeCode, NoteCode, Reason, Sensor
+from mavkf.navigation.propagation import COAST_RATE, coast
 from mavkf.samples import FIELD, FIX, HEIGHT_AMSL, KIND, LATITUDE, TIME, Kind
 
 from ._session import CONFIG, RADII, G, motion, position_error, run, session
@@ -158,6 +159,18 @@ def test_a_gap_of_the_imu_is_told_and_survived(rows: Array) -> None:
     assert gaps[0, L.NOTE_SIZE] == pytest.approx(2.01, abs=0.02)
     late = output.poses[output.poses[:, L.R_TIME] > 127.0]
     assert position_error(late).max() < 2.5
+
+
+def test_while_the_imu_is_silent_nobody_knows_that_a_vehicle_still_stands(rows: Array) -> None:
+    # armed only at 108 s: until then it stands
+    standing = run_offline(rows[rows[:, TIME] < 107.0], CONFIG)
+    state, parameters = standing.state, standing.parameters
+    assert state[L.RESTING] == 1.0
+    before = L.covariance(state)[2, 2]
+    coast(state, parameters, state[L.T] + 10.0)
+    assert state[L.RESTING] == 0.0
+    # as any vehicle that is not looked at turns
+    assert L.covariance(state)[2, 2] - before == pytest.approx(10.0 * COAST_RATE**2, rel=0.05)
 
 
 def test_without_a_magnetometer_yaw_is_not_claimed(rows: Array) -> None:
