@@ -15,8 +15,9 @@ from mavkf.errors import LogError, UsageError
 from mavkf.link.clocks import ClockCounts, VehicleClock
 from mavkf.navigation.estimator import Output, fold_counts, joined, run_offline
 from mavkf.navigation.setup import MODELS, Setup
+from mavkf.replay.faults import Fault, apply_faults
 from mavkf.replay.tlog import Log, read_tlog
-from mavkf.samples import IMU_SOURCES, KIND, SESSION, Kind, Source
+from mavkf.samples import IMU_SOURCES, KIND, SEQUENCE, SESSION, TIME, Kind, Source
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
 Array = NDArray[np.float64]
@@ -31,6 +32,7 @@ class Options:
     rate_hz: rows a second of boot time, 0 for every step. span: boot times (s) to use.
     vehicle: `<sysid>-<compid>`, session: its number; None: all.
     imu: the IMU message to use; model: one of MODELS; None: chosen from the session's first seconds.
+    faults: to put into the samples first.
     """
 
     as_live: bool = False
@@ -41,6 +43,7 @@ class Options:
     imu: Source | None = None
     model: str | None = None
     config: Config = field(default_factory=Config)
+    faults: tuple[Fault, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,8 @@ def run_rows(
     name: of the vehicle; progress: called with the share that is done; each: as of `run`. TIME and SESSION of the rows are not
     read. Raises UsageError.
     """
+    if options.faults:
+        rows = apply_faults(rows, options.faults, boot_times(rows, options.config.timeline.window_s))
     timed, counts = on_boot_clock(rows, options.config.timeline.window_s)
     timed = within(timed, options.span)
     estimate = _as_live if options.as_live else _offline
@@ -173,6 +178,16 @@ def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
     """
     clock = VehicleClock(window_s)
     return np.concatenate([clock.push(rows), clock.flush()]), clock.counts
+
+
+def boot_times(rows: Array, window_s: float) -> Array:
+    """Boot time (n), s, of each row of one vehicle (n, ROW_WIDTH), in the order of arrival; NaN for one that `on_boot_clock` leaves out."""
+    numbered = rows.copy()
+    numbered[:, SEQUENCE] = np.arange(rows.shape[0])  # the clock does not read it
+    timed = on_boot_clock(numbered, window_s)[0]
+    times = np.full(rows.shape[0], np.nan)
+    times[timed[:, SEQUENCE].astype(np.int64)] = timed[:, TIME]
+    return times
 
 
 def _sessions(rows: Array, options: Options) -> Iterator[tuple[int, Array]]:

@@ -18,6 +18,7 @@ from mavkf.publish.publisher import Publisher
 from mavkf.publish.records import encode
 from mavkf.publish.session import publishing_session
 from mavkf.replay.export import write_csv
+from mavkf.replay.faults import describe, parse_fault
 from mavkf.replay.run import Options, Result, imu_source, run
 from mavkf.replay.summary import estimated, summarise
 from mavkf.replay.tlog import map_log
@@ -44,6 +45,8 @@ def replay(  # noqa: D417 (the rest is described in _console)
     config: Path | None = None,
     set: tuple[str, ...] = (),
     settings: bool = False,
+    fault: tuple[str, ...] = (),
+    faults: bool = False,
     plot: Path | None = None,
     truth: Path | None = None,
     json: bool = False,
@@ -71,6 +74,8 @@ def replay(  # noqa: D417 (the rest is described in _console)
         config: Settings from this TOML file.
         set: One setting, as vehicle.gnss_delay_s=0.2; may be repeated.
         settings: List all settings with their defaults, and end.
+        fault: A fault to put into the samples, as gnss-step:at=60,for=8,size=40,towards=330; may be repeated.
+        faults: List all kinds of faults, and end.
         plot: Draw the session with the longest estimate to this file (png, svg, pdf).
         truth: Draw the errors against this truth too (CSV, columns as of mavkf simulate --truth).
         json: Print the summary as JSON.
@@ -79,6 +84,8 @@ def replay(  # noqa: D417 (the rest is described in _console)
     """
     if settings:
         return _list_settings()
+    if faults:
+        return _list_faults()
     if log is None:
         raise UsageError("mavkf replay needs the path of a log (.tlog)")
     _check_outputs(log, csv, jsonl, plot)
@@ -95,9 +102,12 @@ def replay(  # noqa: D417 (the rest is described in _console)
         imu=imu_source(imu),
         model=model,
         config=with_settings(read_config(config) if config else Config(), set),
+        faults=tuple(map(parse_fault, fault)),
     )
     map_log(log)  # a wrong path is said at once, not after the compiler
     ensure_compiled(say)
+    for ordered in options.faults:
+        say(f"put into {log}: {ordered}")
     with (
         _progress(log) as progress,
         _pose_file(jsonl) as file,
@@ -144,6 +154,12 @@ def _check_outputs(log: Path, *outputs: Path | None) -> None:
 def _list_settings() -> int:
     for name, default, description in known_settings():
         print(f"{name} = {_shown(default)}\n    {description}")
+    return 0
+
+
+def _list_faults() -> int:
+    for name, form, meaning in describe():
+        print(f"{name}:{form}\n    {meaning}" if form else f"{name}\n    {meaning}")
     return 0
 
 

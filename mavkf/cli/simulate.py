@@ -26,11 +26,20 @@ def simulate(
     lon: Annotated[float, Parameter(help="Longitude of the start, degrees.")] = 8.545594,
     alt: Annotated[float, Parameter(help="Height of the start above sea level, metres.")] = 488.0,
     heading: Annotated[float, Parameter(help="Heading at the start, degrees from north.")] = 30.0,
+    fault: Annotated[
+        tuple[str, ...],
+        Parameter(
+            show_default=False,
+            help="A fault of the sensors, as gnss-step:at=60,for=8,size=40,towards=330; may be repeated; "
+            "`mavkf replay --faults` lists the kinds.",
+        ),
+    ] = (),
     system_id: Annotated[int, Parameter(help="MAVLink system that sends.")] = 1,
 ) -> int:
     """Make a flight with known truth, written as the telemetry that an ArduPilot would send."""
     from rich.progress import Progress
 
+    from mavkf.replay.faults import parse_fault
     from mavkf.replay.simulation import SensorNoise
     from mavkf.replay.simulation import simulate as fly
 
@@ -40,6 +49,7 @@ def simulate(
         truth.is_dir() or not truth.absolute().parent.is_dir() or truth.resolve() == out.resolve()
     ):
         raise UsageError(f"--truth is {truth}, but must be another file than the log, in an existing folder")
+    faults = tuple(map(parse_fault, fault))
     console = messages()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("flying", total=1.0)
@@ -56,9 +66,12 @@ def simulate(
             noise=SensorNoise().scaled(noise),
             start=(lat, lon, alt, heading),
             address=(system_id, 1),
+            faults=faults,
             progress=lambda done: bar.update(task, completed=done),
         )
     say(f"wrote {out}: {duration:g} s of a {vehicle}, seed {seed}, {out.stat().st_size / 1e6:.1f} MB")
+    for ordered in faults:
+        say(f"{out} has a fault: {ordered}")
     if truth is not None:
         motion.write_csv(truth)
         say(f"wrote {truth}: the truth at {len(motion.time_boot_s)} times")

@@ -1,22 +1,25 @@
 """A simulated flight: the true motion, the sensors and the messages joined into a telemetry log."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from mavkf.errors import UsageError
 from mavkf.models.earth import SEMI_MAJOR_AXIS
+from mavkf.replay.faults import Fault
 from mavkf.replay.simulation import manoeuvres, messages, sensors
+from mavkf.replay.simulation.checks import check, create
+from mavkf.replay.simulation.faulty import faulty_barometer, faulty_gnss, faulty_imu
 from mavkf.replay.simulation.messages import Stream
 from mavkf.replay.simulation.sensors import IMU_RATE, SensorNoise
 from mavkf.replay.simulation.trajectory import Motion, Trajectory
 from mavkf.replay.truth import Truth
+from mavkf.samples import Source
 
 Floats = NDArray[np.float64]
 Vehicle = Literal["copter", "plane"]
@@ -54,6 +57,7 @@ def simulate(
     noise: SensorNoise | None = None,
     start: tuple[float, float, float, float] = DEFAULT_START,
     address: tuple[int, int] = (1, 1),
+    faults: Sequence[Fault] = (),
     progress: Callable[[float], object] = lambda _: None,
 ) -> Truth:
     """Fly a flight drawn from `seed`, write its telemetry to a tlog, and give its truth; an existing file is replaced.
@@ -65,12 +69,13 @@ def simulate(
     noise:           default: `SensorNoise()`.
     start:           latitude deg, longitude deg, height m above sea level, heading deg.
     address:         MAVLink system and component.
+    faults:          of the sensors; the autopilot's own estimate does not follow them.
     progress:        called with the fraction done, now and then.
 
     The same arguments give the same file, byte for byte. Raises UsageError for a value that cannot be flown, naming
     the option of the command line, and for a file that cannot be written.
     """
-    _check(
+    check(
         seed=seed,
         duration_s=duration_s,
         vehicle=vehicle,
@@ -81,7 +86,7 @@ def simulate(
         start=start,
         address=address,
     )
-    with _create(Path(path)) as file:  # first: what cannot be written need not be flown
+    with create(Path(path)) as file:  # first: what cannot be written need not be flown
         route_rng, imu_rng, sensor_rng, clock_rng, estimate_rng = np.random.default_rng(seed).spawn(5)
         winged = vehicle == "plane"
         plan = (manoeuvres.plane if winged else manoeuvres.copter)(route_rng, duration_s)
@@ -90,7 +95,7 @@ def simulate(
             plan.route, math.radians(latitude), math.radians(longitude), height, math.radians(heading), winged=winged
         )
         flight = _Flight(
-            trajectory, noise or SensorNoise(), duration_s, (plan.take_off - 2.0, plan.landed + 1.5), winged
+            trajectory, noise or SensorNoise(), duration_s, (plan.take_off - 2.0, plan.landed + 1.5), winged, faults
         )
         streams = [
             *flight.inertial(imu_rng, sensor_rng, imu_hz, highres_imu, lambda done: progress(0.3 * done)),
@@ -115,10 +120,17 @@ class _Flight:
     """One flight being measured. Times of messages are s since boot; `armed` is from when to when the motors run."""
 
     def __init__(
-        self, trajectory: Trajectory, noise: SensorNoise, duration: float, armed: tuple[float, float], winged: bool
+        self,
+        trajectory: Trajectory,
+        noise: SensorNoise,
+        duration: float,
+        armed: tuple[float, float],
+        winged: bool,
+        faults: Sequence[Fault],
     ) -> None:
         self._trajectory, self._noise, self._duration, self._winged = trajectory, noise, duration, winged
         self._arm, self._disarm = armed
+        self._faults = faults
         self._start = trajectory.at(np.zeros(1))
 
     def inertial(
@@ -131,6 +143,8 @@ class _Flight:
         sampled = self._samples(rng, 10.0)
         field = sensors.magnetometer(self._noise, rng, self._trajectory.at(sampled - FIELD_AGE), self._field())
         field = field[_newest(sampled, times)]
+        sound = times, imu, field
+        times, imu, field = faulty_imu(self._faults, Source.RAW_IMU, *sound)
         streams = [messages.raw_imu(times, imu, field, _temperature(times))]
 
         sampled = self._samples(rng, 20.0)
@@ -139,12 +153,14 @@ class _Flight:
         flow = np.sum(motion.v_n**2, axis=1) * (0.5 * AIR_DENSITY * self._winged)
         sent = self._schedule(rng, 20.0)
         held = _newest(sampled, sent)
-        streams.append(messages.scaled_pressure(sent, pressure[held], flow[held], _temperature(sent) - 3.0))
+        shown = faulty_barometer(self._faults, Source.SCALED_PRESSURE, sent, pressure[held])
+        streams.append(messages.scaled_pressure(sent, shown, flow[held], _temperature(sent) - 3.0))
         if highres:
-            times, imu, field = times[::2], imu[::2], field[::2]
+            times, imu, field = faulty_imu(self._faults, Source.HIGHRES_IMU, *(part[::2] for part in sound))
             held = _newest(sampled, times)
             climbed = (motion.height - self._start.height)[held]
-            streams.append(messages.highres_imu(times, imu, field, (pressure[held], climbed), _temperature(times)))
+            shown = faulty_barometer(self._faults, Source.HIGHRES_IMU, times, pressure[held])
+            streams.append(messages.highres_imu(times, imu, field, (shown, climbed), _temperature(times)))
         return streams
 
     def gnss(self, rng: Generator, fix_hz: float, message_hz: float, delay: float) -> Stream:
@@ -165,9 +181,8 @@ class _Flight:
         )
         latitude, longitude, height = place
         v_n = motion.v_n + speed_errors
-        return messages.gps_raw_int(
-            sent, stamps[held], (latitude[held], longitude[held], height[held]), v_n[held], accuracies
-        )
+        place = latitude[held], longitude[held], height[held]
+        return messages.gps_raw_int(*faulty_gnss(self._faults, sent, stamps[held], place, v_n[held]), accuracies)
 
     def housekeeping(self, rng: Generator) -> list[Stream]:
         """HEARTBEAT and SYSTEM_TIME."""
@@ -256,43 +271,3 @@ def _moved(motion: Motion, error: Floats) -> tuple[Floats, Floats, Floats]:
     latitude = motion.latitude + error[:, 0] / SEMI_MAJOR_AXIS
     longitude = motion.longitude + error[:, 1] / (SEMI_MAJOR_AXIS * np.cos(motion.latitude))
     return latitude, longitude, motion.height - error[:, 2]
-
-
-def _create(path: Path) -> BinaryIO:
-    if path.is_dir():
-        raise UsageError(f"{path} is a folder; name the file to write, such as {path / 'flight.tlog'}")
-    try:
-        return path.open("wb")
-    except OSError as error:
-        raise UsageError(f"{path} cannot be written ({error.strerror}); name a file in an existing folder") from None
-
-
-def _check(
-    *,
-    seed: int,
-    duration_s: float,
-    vehicle: str,
-    imu_hz: float,
-    gnss_hz: float,
-    gnss_message_hz: float,
-    gnss_delay: float,
-    start: tuple[float, float, float, float],
-    address: tuple[int, int],
-) -> None:
-    latitude, longitude, height, heading = start
-    for good, option, value, right in (
-        (seed >= 0, "--seed", seed, "0 or more"),
-        (60.0 <= duration_s <= 86400.0, "--duration", duration_s, "60 s (take-off, flight, landing) to 86400 s"),
-        (vehicle in ("copter", "plane"), "--vehicle", vehicle, "copter or plane"),
-        (1.0 <= imu_hz <= 400.0, "--imu-hz", imu_hz, "1 to 400 Hz"),
-        (0.2 <= gnss_hz <= 20.0, "--gnss-hz", gnss_hz, "0.2 to 20 Hz"),
-        (0.2 <= gnss_message_hz <= 50.0, "gnss_message_hz", gnss_message_hz, "0.2 to 50 Hz"),
-        (0.0 <= gnss_delay <= 1.0, "--gnss-delay", gnss_delay, "0 to 1 s"),
-        (abs(latitude) <= 85.0, "--lat", latitude, "-85 to 85 degrees"),
-        (abs(longitude) <= 180.0, "--lon", longitude, "-180 to 180 degrees"),
-        (-500.0 <= height <= 8000.0, "--alt", height, "-500 to 8000 m above sea level"),
-        (math.isfinite(heading), "--heading", heading, "degrees from north"),
-        (all(1 <= part <= 255 for part in address), "--system-id", address[0], "1 to 255"),
-    ):
-        if not good:
-            raise UsageError(f"{option} is {value}, but must be {right}")

@@ -77,7 +77,7 @@ def scaled_pressure(times: Floats, pressure: Floats, differential: Floats, tempe
 def gps_raw_int(
     times: Floats, stamps: Floats, place: tuple[Floats, Floats, Floats], v_n: Floats, accuracies: tuple[float, ...]
 ) -> Stream:
-    """GPS_RAW_INT of fixes that came at `stamps` (n), s; NaN where there is none yet.
+    """GPS_RAW_INT of fixes that came at `stamps` (n), s; NaN where there is none.
 
     place: rad, rad, m above sea level (n); v_n: m/s (n, 3); accuracies: horizontal m, vertical m, speed m/s.
     """
