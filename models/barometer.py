@@ -3,11 +3,23 @@
 from mavkf.compiled import compiled
 from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 
+SEA_LEVEL, SCALE, EXPONENT = (
+    101325.0,
+    44330.769,
+    0.190263,
+)  # Pa, m, of the International Standard Atmosphere below 11 km (ISO 2533)
+
 
 @compiled
 def pressure_height(pressure):
-    """Height (m) in the International Standard Atmosphere of a static pressure (Pa), below 11 km (ISO 2533)."""
-    return 44330.769 * (1.0 - (pressure / 101325.0) ** 0.190263)
+    """Height (m) in the standard atmosphere of a static pressure (Pa)."""
+    return SCALE * (1.0 - (pressure / SEA_LEVEL) ** EXPONENT)
+
+
+@compiled
+def pressure_at(height):
+    """Static pressure (Pa) at a height (m) in the standard atmosphere: the inverse of `pressure_height`."""
+    return SEA_LEVEL * (1.0 - height / SCALE) ** (1.0 / EXPONENT)
 
 
 @compiled

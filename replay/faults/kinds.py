@@ -8,6 +8,7 @@ as in `gyro-step:at=60,for=20,size=2,towards=-x`.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,7 +194,7 @@ def parse_fault(text: str) -> Fault:
         raise UsageError(f"--fault {text}: no such kind of fault; choose one of {', '.join(KINDS)}")
     known = ["at", "for", *(["size"] if KINDS[kind].unit else []), *(["towards"] if KINDS[kind].towards else [])]
     known += ["source", *KINDS[kind].options]
-    values: dict[str, float | str | Source] = {}
+    values: dict[str, Any] = {}
     for word in filter(None, rest.split(",")):
         name, equals, value = word.partition("=")
         if not equals or name not in known:
@@ -207,7 +208,7 @@ def parse_fault(text: str) -> Fault:
     if kind_is_scale(kind) and "size" not in values:
         raise UsageError(f"--fault {text}: by what is not told; add size=FACTOR")
     try:
-        return Fault(kind=kind, **values)  # type: ignore[arg-type]
+        return Fault(kind=kind, **values)
     except UsageError as error:
         raise UsageError(str(error).replace(f"--fault {kind}:", f"--fault {text}:", 1)) from None
 

@@ -5,7 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.models.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
+from mavkf.models.barometer import pressure_at, pressure_height
+from mavkf.models.earth import radii
 from mavkf.replay.faults.kinds import KINDS, Fault, kind_is_scale
 from mavkf.samples import (
     ACCEL,
@@ -137,18 +138,17 @@ def height_offset(fault: Fault, t: Array) -> Array:
 
 
 def risen(pressure: Array, height: Array) -> Array:
-    """The static pressures (n), Pa, that the standard atmosphere has some metres (n) above others, as `mavkf.models.barometer` reads it."""
-    part = (pressure / 101325.0) ** 0.190263 - height / 44330.769
-    above: Array = 101325.0 * part ** (1.0 / 0.190263)
+    """The static pressures (n), Pa, that the standard atmosphere has some metres (n) above others."""
+    above: Array = pressure_at(pressure_height(pressure) + height)
     return above
 
 
 def _move(rows: Array, fixed: Bools, offset: Array) -> None:
     """Move fixes in place by metres in n (k, 3)."""
     latitude, height = rows[fixed, LATITUDE], rows[fixed, HEIGHT_AMSL]
-    w = np.sqrt(1.0 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
-    rows[fixed, LATITUDE] += offset[:, 0] / (SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / w**3 + height)
-    rows[fixed, LONGITUDE] += offset[:, 1] / ((SEMI_MAJOR_AXIS / w + height) * np.cos(latitude))
+    meridian, transverse = np.array([radii(each) for each in latitude]).reshape(-1, 2).T
+    rows[fixed, LATITUDE] += offset[:, 0] / (meridian + height)
+    rows[fixed, LONGITUDE] += offset[:, 1] / ((transverse + height) * np.cos(latitude))
     rows[fixed, HEIGHT_AMSL] -= offset[:, 2]
     rows[fixed, HEIGHT_ELLIPSOID] -= offset[:, 2]
 

@@ -1,7 +1,9 @@
 """Faults in sample rows against what they are by other means, and the same in a simulated log."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pymap3d
@@ -112,11 +114,13 @@ def check_only(before: Array, after: Array, kind: Kind, columns: tuple[int, ...]
         ("gnss-drift:at=10,for=10,size=0.5,towards=90", lambda t: (0.0, 0.5 * (t - 10.0), 0.0)),
     ],
 )
-def test_positions_move_by_metres_of_the_ellipsoid(text: str, expected: object) -> None:
+def test_positions_move_by_metres_of_the_ellipsoid(
+    text: str, expected: Callable[[float], tuple[float, float, float]]
+) -> None:
     rows = some_rows()
     faulty = apply_faults(rows, [parse_fault(text)])
     hit = during(rows, Kind.GNSS)
-    want = np.array([expected(t) for t in rows[hit, TIME]])  # type: ignore[operator]
+    want = np.array([expected(t) for t in rows[hit, TIME]])
     np.testing.assert_allclose(metres(faulty[hit], rows[hit]), want, atol=2e-3)
     assert not changed(rows[~hit], faulty[~hit]).any()
     np.testing.assert_array_equal(faulty[hit, VELOCITY_N:], rows[hit, VELOCITY_N:])
@@ -338,7 +342,7 @@ def test_a_fault_made_by_hand_is_checked_too() -> None:
 
 # --- simulated and recorded flights --------------------------------------------------------------------------------
 
-SHORT = {"seed": 4, "duration_s": 62.0, "imu_hz": 20.0, "highres_imu": True, "gnss_message_hz": 10.0}
+SHORT: dict[str, Any] = {"seed": 4, "duration_s": 62.0, "imu_hz": 20.0, "highres_imu": True, "gnss_message_hz": 10.0}
 
 
 def rows_of(path: Path) -> Array:
@@ -348,7 +352,7 @@ def rows_of(path: Path) -> Array:
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("faults") / "clean.tlog"
-    simulate(path, **SHORT)  # type: ignore[arg-type]
+    simulate(path, **SHORT)
     return path
 
 
@@ -356,7 +360,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_simulated_log_holds_the_fault_that_its_rows_would_get(kind: str, clean: Path, tmp_path: Path) -> None:
     faults = [parse_fault(example(kind))]
     path = tmp_path / "faulty.tlog"
-    simulate(path, faults=faults, **SHORT)  # type: ignore[arg-type]
+    simulate(path, faults=faults, **SHORT)
     simulated, expected = rows_of(path), apply_faults(rows_of(clean), faults)
     assert path.read_bytes() != clean.read_bytes()
     for sensor, columns, step in (
@@ -382,8 +386,8 @@ def test_a_simulated_log_holds_the_fault_that_its_rows_would_get(kind: str, clea
 def test_the_same_faults_give_the_same_bytes_and_none_the_old_ones(clean: Path, tmp_path: Path) -> None:
     faults = [parse_fault(example(kind)) for kind in ("gnss-noise", "gyro-step", "imu-gap")]
     for name in ("a", "b"):
-        simulate(tmp_path / name, faults=faults, **SHORT)  # type: ignore[arg-type]
-    simulate(tmp_path / "none", **SHORT)  # type: ignore[arg-type]
+        simulate(tmp_path / name, faults=faults, **SHORT)
+    simulate(tmp_path / "none", **SHORT)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     assert (tmp_path / "none").read_bytes() == clean.read_bytes()
 
