@@ -6,10 +6,14 @@ versions of Python, numba and numpy): any change means a new folder. The folder 
 the package's own, so a read-only installation works; where the user has none that can be written, a temporary folder
 serves this process. Compiled functions call each other by direct module-level names only, because functions passed
 as arguments are compiled anew in every process.
+
+A function and all that it calls are optimised together, so a function that many others call is compiled as often as it has callers, and
+theirs. `compiled_apart` cuts there: such a function is compiled once, and called by its address.
 """
 
 import atexit
 import hashlib
+import inspect
 import os
 import shutil
 import sys
@@ -20,10 +24,22 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import llvmlite.binding
+import llvmlite.ir
 import numba
 import numpy
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
+# Types of numba, for `compiled_apart`
+NOTHING, BOOLEAN, INTEGER, FLOAT = numba.void, numba.boolean, numba.int64, numba.float64
+VECTOR, MATRIX, INTEGERS = FLOAT[::1], FLOAT[:, ::1], INTEGER[::1]
+
+
+def several(*types: Any) -> Any:
+    """Give the numba type of a tuple."""
+    return numba.types.Tuple(types)
 
 
 UNUSED_S = 30 * 86400.0
@@ -86,3 +102,64 @@ def compiled(function: F) -> F:
     finally:
         numba.config.CACHE_DIR = before
     return result
+
+
+# Addresses of the functions that are compiled apart, in the order of their definition; machine code finds the table by its name.
+_table = numpy.zeros(32, dtype=numpy.int64)
+_TABLE = "mavkf_functions_apart"
+_apart: list[tuple[Any, tuple[Any, ...]]] = []
+if not llvmlite.binding.address_of_symbol(_TABLE):  # a second copy of this module must not take the name away
+    llvmlite.binding.add_symbol(_TABLE, _table.ctypes.data)
+
+
+def compiled_apart(result: Any, *arguments: Any) -> Callable[[F], F]:
+    """Compile a function for itself, of the numba types `arguments` and `result`; compiled functions call it by its address.
+
+    What comes of it can be called by compiled functions only (by Python too where the JIT is off), after `link_apart`: an address that is
+    missing is a RuntimeError.
+    """
+
+    def decorate(function: F) -> F:
+        inner = compiled(function)
+        if numba.config.DISABLE_JIT:
+            return inner
+        slot = len(_apart)
+        _apart.append((inner, arguments))
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            """Emit the call, by numba's own calling convention."""
+            convention = context.call_conv
+            integer = llvmlite.ir.IntType(64)
+            array = llvmlite.ir.ArrayType(integer, _table.size)
+            table = builder.module.globals.get(_TABLE) or llvmlite.ir.GlobalVariable(builder.module, array, _TABLE)
+            address = builder.load(builder.gep(table, [integer(0), integer(slot)]))
+            with cgutils.if_unlikely(builder, cgutils.is_null(builder, address)):
+                convention.return_user_exc(builder, RuntimeError, ("call link_apart() first",))
+            kind = convention.get_function_type(signature.return_type, signature.args)
+            target = builder.inttoptr(address, kind.as_pointer())
+            status, value = convention.call_function(builder, target, signature.return_type, signature.args, values)
+            with cgutils.if_unlikely(builder, status.is_error):
+                convention.return_status_propagate(builder, status)
+            return value
+
+        def call(typing_context: Any, *types: Any) -> Any:
+            return result(*arguments), generate
+
+        names = ["typing_context", *inspect.signature(function).parameters]
+        call.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+            [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+        )
+        call.__name__ = function.__name__
+        apart: F = intrinsic(call)
+        return apart
+
+    return decorate
+
+
+@cache
+def link_apart() -> None:
+    """Compile the functions that are compiled apart, or load them from the cache, and enter their addresses."""
+    for slot, (function, arguments) in enumerate(_apart):
+        function.compile(arguments)
+        result = function.overloads[arguments]
+        _table[slot] = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)

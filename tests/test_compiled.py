@@ -10,10 +10,11 @@ from pathlib import Path
 from types import ModuleType
 
 import numba
+import numpy as np
 import pytest
 
 import mavkf
-from mavkf.compiled import cache_folder, compiled, source_hash
+from mavkf.compiled import FLOAT, VECTOR, cache_folder, compiled, compiled_apart, link_apart, source_hash
 
 # A package of the same layout, small enough to compile in no time.
 FUNCTION = """
@@ -28,6 +29,7 @@ ASK = """
 import warnings
 warnings.simplefilter("error")
 import numba
+import numpy as np
 from mavkf import compiled
 before = numba.config.CACHE_DIR
 from mavkf.models.answer import answer
@@ -232,3 +234,28 @@ def test_division_by_zero_is_infinity_and_no_exception() -> None:
 
     assert ratio(1.0, 0.0) == float("inf")
     assert ratio(0.0, 0.0) != ratio(0.0, 0.0)
+
+
+def test_a_function_compiled_apart_is_called_by_its_address_once_it_is_linked() -> None:
+    @compiled_apart(FLOAT, VECTOR, FLOAT)
+    def weighed(a, factor):
+        if factor < 0.0:
+            raise ValueError
+        a[0] = factor
+        return factor * a.sum()
+
+    @compiled
+    def caller(a, factor):
+        return weighed(a, factor) + 1.0
+
+    a = np.array([1.0, 2.0, 3.0])
+    if numba.config.DISABLE_JIT:
+        assert caller(a, 2.0) == 15.0
+        return
+    with pytest.raises(RuntimeError, match="link_apart"):
+        caller(a, 2.0)
+    link_apart.__wrapped__()
+    assert caller(a, 2.0) == 15.0
+    assert a[0] == 2.0
+    with pytest.raises(ValueError):
+        caller(a, -1.0)

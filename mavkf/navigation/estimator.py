@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.compiled import link_apart
 from mavkf.config import Config
 from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.navigation import layout as L
@@ -116,6 +117,7 @@ class SessionEstimator:
         self, config: Config, rate_hz: float = 50.0, imu: Source | None = None, model: str | None = None
     ) -> None:
         """rate_hz: poses a second of boot time (0: every IMU sample); imu, model: forced choices, as of `choose`."""
+        link_apart()
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.setup: Setup | None = None
         self.state = np.empty(L.STATE_SIZE)

@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import NOTHING, VECTOR, compiled, compiled_apart
 from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.layout import OUT, NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import (
     BAROMETER_KIND,
@@ -98,7 +98,7 @@ def watch_position(s, out):
         s[V : V + 3] = 0.0
 
 
-@compiled
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def measure(s, e, c, out):
     """Fuse one measurement at the state's time."""
     kind = int(e[KIND])
@@ -228,7 +228,7 @@ def fold(s, e, c, out):
         weigh_models(s, e, c, out)
 
 
-@compiled
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def fold_one(s, e, c, out):
     """Take one event (EVENT_WIDTH,) into one half of the state (HALF,), in place.
 

@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, VECTOR, compiled, compiled_apart
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
 from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Reason, Sensor
+from mavkf.navigation.layout import OUT, Reason, Sensor
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import SOURCE
 
@@ -37,16 +37,19 @@ def note(out, code, start, end, size, a, b):
 
 @compiled
 def record(out, e, t, sensor, r, S, nis, limit, reason):
-    """Write an innovation row, unless this event has left one for this sensor already (it is folded again)."""
+    """Write an innovation row, unless this event has left one for this sensor already (it is folded again).
+
+    sensor, reason: values of their enumerations.
+    """
     rows, counts, recorded = out[0], out[2], out[4]
-    slot = (L.SENSORS * int(e[L.EVENT_ID]) + sensor.value) % recorded.shape[0]
+    slot = (L.SENSORS * int(e[L.EVENT_ID]) + sensor) % recorded.shape[0]
     if counts[2] == 0 and recorded[slot] != e[L.EVENT_ID] and counts[0] < rows.shape[0]:
         recorded[slot] = e[L.EVENT_ID]
         row = rows[counts[0]]
         row[:] = 0.0
         m = r.shape[0]
         row[L.I_TIME] = t
-        row[L.I_SENSOR] = sensor.value
+        row[L.I_SENSOR] = sensor
         row[L.I_SOURCE] = e[SOURCE]
         row[L.I_SIZE] = m
         for i in range(m):
@@ -55,8 +58,8 @@ def record(out, e, t, sensor, r, S, nis, limit, reason):
                 row[L.I_S + m * i + j] = S[i, j]
         row[L.I_NIS] = nis
         row[L.I_LIMIT] = limit
-        row[L.I_FUSED] = 1.0 if reason == Reason.FUSED else 0.0
-        row[L.I_REASON] = reason.value
+        row[L.I_FUSED] = 1.0 if reason == Reason.FUSED.value else 0.0
+        row[L.I_REASON] = reason
         counts[0] += 1
 
 
@@ -66,18 +69,18 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
 
     r: (m,), H: (m, n), R: (m, m); `suspect`: a Reason against it, or Reason.FUSED.
     """
-    return judge_and_correct(s, e, c, out, sensor, r, H, R, R, False, suspect)
+    return judge_and_correct(s, e, c, out, sensor.value, r, H, R, R, False, suspect.value)
 
 
 @compiled
 def fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting):
     """Judge one vector by R and fuse it with R_lasting: its errors last, so that many together tell less than each alone."""
-    return judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, True, Reason.FUSED)
+    return judge_and_correct(s, e, c, out, sensor.value, r, H, R, R_lasting, True, Reason.FUSED.value)
 
 
-@compiled
+@compiled_apart(FLOAT, VECTOR, VECTOR, VECTOR, OUT, INTEGER, VECTOR, MATRIX, MATRIX, MATRIX, BOOLEAN, INTEGER)
 def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
-    """What `fuse` and `fuse_lasting` do; lasts: whether R_lasting is not R."""
+    """What `fuse` and `fuse_lasting` do; lasts: whether R_lasting is not R; sensor and suspect: values of a Sensor and a Reason."""
     m = r.shape[0]
     P = L.covariance(s)
     PHt = np.empty((P.shape[0], m))
@@ -89,17 +92,17 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     reason = suspect
     determinant = invert(S, inverse)
     if not determinant > 0.0:
-        reason = Reason.SINGULAR
+        reason = Reason.SINGULAR.value
     else:
         nis = quadratic(inverse, r)
         # a NaN fails the comparison and is refused like an outlier
-        if reason == Reason.FUSED and not nis <= limit:
-            reason = Reason.GATE
-        if sensor.value <= Sensor.BAROMETER.value:
+        if reason == Reason.FUSED.value and not nis <= limit:
+            reason = Reason.GATE.value
+        if sensor <= Sensor.BAROMETER.value:
             # what is refused counts as if it had just been let in
             s[L.LIKELIHOOD] -= 0.5 * (min(nis, limit) + math.log(determinant))
     record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
-    if reason != Reason.FUSED:
+    if reason != Reason.FUSED.value:
         return -1.0
     if lasts:
         innovation_covariance(P, H, R_lasting, PHt, S)

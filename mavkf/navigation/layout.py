@@ -9,7 +9,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import INTEGERS, MATRIX, VECTOR, compiled, several
 from mavkf.models.vehicle_class import STATES_MOST, X_SIZE
 from mavkf.samples import ROW_WIDTH
 
@@ -261,6 +261,10 @@ class NoteCode(IntEnum):
 
 
 NOTE_CODES = len(NoteCode)
+
+
+OUT = several(MATRIX, MATRIX, INTEGERS, VECTOR, VECTOR)
+"""Type of the output buffers of the fold: innovation rows, note rows, counts, times of the last notes, events on record."""
 
 
 @compiled
