@@ -46,6 +46,7 @@ _book = P + STATES_MOST * STATES_MOST
     TURN_ACCEL,  # (m/s^2)^2
     NOISE_GYRO,  # rad^2/s: the density in use now
     NOISE_ACCEL,  # m^2/s^3
+    SMOOTH,  # samples in a row on a line with those before: repeated or interpolated, not measured
     ALIGN_START,
     ALIGN_COUNT,
     T_FIX,  # last fix of any receiver, NaN: none
@@ -93,8 +94,8 @@ _book = P + STATES_MOST * STATES_MOST
     PRESSURE_LAST,
     PRESSURE_STANDBY,
     PRESSURE_USED,
-) = range(_book, _book + 69)
-IMU = _book + 69  # last sample: omega_b, f_b
+) = range(_book, _book + 70)
+IMU = _book + 70  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares

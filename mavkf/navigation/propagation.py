@@ -39,6 +39,8 @@ from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
 
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
+SMOOTHNESS = 1e-4  # of the usual variance of second differences: what arithmetic leaves of a line
+MADE_UP_AFTER = 10  # such samples in a row, which noise does not give by chance
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 
 
@@ -169,6 +171,12 @@ def at_rest(x, imu):
 
 
 @compiled
+def roaming(c):
+    """Density (m^2/s^3) of what a vehicle does unseen: white acceleration with the power of one that lasts its time, 2 sigma^2 tau."""
+    return 2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME]
+
+
+@compiled
 def step(s, c, imu0, imu1, dt, gyro, accel):
     """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
     x = s[L.X : L.P]
@@ -187,10 +195,7 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
         constant_velocity.transition(x, average, dt, Phi)
         if s[L.BANK_UPDATES] > 0.0:
             predict_bank(s, imu0, imu1, dt)
-        # white acceleration with the power of one that lasts its time constant: 2 sigma^2 tau
-        accel = (
-            2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME] if s[L.POSITION_KNOWN] != 0.0 else 0.0
-        )
+        accel = roaming(c) if s[L.POSITION_KNOWN] != 0.0 else 0.0
     if s[L.RESTING] != 0.0:
         # the gyro was not asked, so its bias did no harm
         for i in range(9):
@@ -257,6 +262,20 @@ def unseen_share(square, product):
 
 
 @compiled
+def follow_smoothness(s, e, second):
+    """Count the samples in a row that lie on a line with the two before, given the squares (2,) of the second differences of now.
+
+    Those of real samples have the variance 2 (D - T) by the mean squares D and products T of first differences. Samples without any of
+    it have been repeated or interpolated: somebody has filled a gap with them.
+    """
+    smooth = True
+    for k in range(2):
+        usual = 2.0 * (s[L.DIFFERENCE_GYRO + k] - s[L.TURN_GYRO + k])
+        smooth = smooth and second[k] < SMOOTHNESS * usual and usual > (2.0 * e[GYRO_RESOLUTION + k]) ** 2
+    s[L.SMOOTH] = s[L.SMOOTH] + 1.0 if smooth else 0.0
+
+
+@compiled
 def watch_samples(s, e, c, imu, dt):
     """Noise densities in use from how much successive samples differ: what happens between them is not seen.
 
@@ -265,12 +284,15 @@ def watch_samples(s, e, c, imu, dt):
     """
     square = np.zeros(2)
     product = np.zeros(2)
+    last_square = np.zeros(2)
     for i in range(6):
         difference = imu[i] - s[L.IMU + i]
         square[i // 3] += difference * difference / 3.0
+        last_square[i // 3] += s[L.LAST_DIFFERENCE + i] ** 2 / 3.0
         product[i // 3] += difference * s[L.LAST_DIFFERENCE + i] / 3.0
         s[L.LAST_DIFFERENCE + i] = difference
     weight = 1.0 - math.exp(-dt / DIFFERENCE_TIME)
+    follow_smoothness(s, e, square - 2.0 * product + last_square)
     for k in range(2):
         s[L.DIFFERENCE_GYRO + k] += weight * (square[k] - s[L.DIFFERENCE_GYRO + k])
         s[L.TURN_GYRO + k] += weight * (product[k] - s[L.TURN_GYRO + k])
@@ -281,6 +303,9 @@ def watch_samples(s, e, c, imu, dt):
         s[L.NOISE_GYRO + k] = c[Parameter.GYRO + k] ** 2 + dt * (
             c[Parameter.SAMPLING] * s[L.SCALE_IMU] * unseen + resolution * resolution / 12.0
         )
+    if s[L.SMOOTH] >= MADE_UP_AFTER and s[L.RESTING] == 0.0:
+        s[L.NOISE_GYRO] += COAST_RATE**2
+        s[L.NOISE_ACCEL] += roaming(c)
     return square[0], square[1]
 
 

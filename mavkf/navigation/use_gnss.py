@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
+from mavkf.filters.joseph import innovation_covariance, invert, quadratic
 from mavkf.models import gnss
 from mavkf.models.strapdown import (
     DDELAY,
@@ -63,6 +64,7 @@ from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 FIX_3D = 3
 SPEED_TIME = 5.0  # s
 ACCELERATION_LASTS = 1.0  # s
+MOST_SURPRISE = 4.0  # of the NIS against its limit: twice as many sigma
 LEAST_COLOUR_SCALE = 1.0  # of what a fix's claim allows
 
 
@@ -165,6 +167,27 @@ def fused_position(s, out, b):
 
 
 @compiled
+def weigh_surprise(P, H, R, r, limit):
+    """Raise R (3, 3) of a fix without velocity that lies a little beyond the gate, so that it is fused with less weight, not refused.
+
+    Such a receiver has no second witness: whether a surprise is the fix's doing or the filter's is not known, and a filter that has
+    refused one fix is further off at the next. S times NIS / limit has just the limit (Huber, "Robust Estimation of a Location
+    Parameter", Annals of Mathematical Statistics 35(1), 1964); what lies beyond MOST_SURPRISE is the fix's doing.
+    """
+    PHt = np.empty((P.shape[0], 3))
+    S = np.empty((3, 3))
+    inverse = np.empty((3, 3))
+    innovation_covariance(P, H, R, PHt, S)
+    if not invert(S, inverse) > 0.0:
+        return
+    nis = quadratic(inverse, r)
+    if limit < nis <= MOST_SURPRISE * limit:
+        for i in range(3):
+            for j in range(3):
+                R[i, j] += (1.0001 * nis / limit - 1.0) * S[i, j]
+
+
+@compiled
 def fuse_position(s, e, c, out, b):
     """Fuse the position of the main receiver, whose coloured error is a state. b: its book."""
     P = L.covariance(s)
@@ -178,6 +201,8 @@ def fuse_position(s, e, c, out, b):
         R[i, i] = white_variance(s, e, c, b, i == 2)
         # the variance of one axis, near enough for learning: position and coloured error are what matters
         S[i] = R[i, i] + P[POS + i, POS + i] + P[DGNSS + i, DGNSS + i] + 2.0 * P[POS + i, DGNSS + i]
+    if not (math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])):
+        weigh_surprise(P, H, R, r, c[Parameter.LIMIT_3])
     nis = fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.FUSED)
     if nis < 0.0:
         refuse_or_reset(s, e, c, out, b)
