@@ -228,6 +228,26 @@ class Gates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     gap_s: Annotated[float, Meta(gt=0.0, le=10.0, description="s without an IMU sample that is a gap")] = 0.6
 
 
+class Integrity(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """[integrity] faults that pass the gates, and how sure the protection levels are."""
+
+    monitors: Annotated[
+        bool,
+        Meta(description="whether faults are looked for in what the innovations add up to (IMU at 8 Hz and faster)"),
+    ] = True
+    suspicion_s: Annotated[
+        float,
+        Meta(
+            ge=1.0,
+            le=3600.0,
+            description="s: how long a receiver that the other sensors contradict is left out, before the state is reset to it",
+        ),
+    ] = 60.0
+    risk: Annotated[
+        float, Meta(gt=0.0, lt=0.5, description="probability that an error is larger than its protection level")
+    ] = 1e-3
+
+
 class Model(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """[model] choice of the kinematic model."""
 
@@ -259,6 +279,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     vehicle: Vehicle = Vehicle()
     noise: Noise = Noise()
     gates: Gates = Gates()
+    integrity: Integrity = Integrity()
     model: Model = Model()
 
 

@@ -20,9 +20,12 @@ FLAGS: tuple[str, ...] = (
     "imu_slow",
     "constant_velocity",
     "gnss_refused",
+    "gnss_suspected",
+    "magnetometer_disturbed",
 )
 """The names that may stand in `flags`: no sample of a sensor for two seconds (`no_...`); heading not known yet; IMU too slow to be
-integrated; velocity and position from GNSS and barometer alone; the last fixes were refused by the gate."""
+integrated; velocity and position from GNSS and barometer alone; the last fixes were refused by the gate; the receiver is under suspicion
+(an event says why); the magnetic field is not the earth's."""
 
 Vector3 = tuple[float, float, float]
 PartialVector3 = tuple[float | None, float | None, float | None]
@@ -109,6 +112,8 @@ class Pose(Head, frozen=True, kw_only=True):
     pose_covariance: 6x6 row-major: position north, east, down (m), then rotation about north, east, down (rad); the
         rows and columns of what is unknown hold nulls.
     velocity_covariance: 3x3 row-major, of `velocity_ned_m_s`, m^2/s^2.
+    pl_h_m, pl_v_m: protection levels, m: the horizontal and the vertical error of the position are larger with the risk
+        `integrity.risk` at most, undetected faults counted in.
     valid: which parts may be used.
     mode: what the estimator is doing.
     flags: conditions that hold now, names out of `FLAGS`.
@@ -128,6 +133,8 @@ class Pose(Head, frozen=True, kw_only=True):
     accel_bias_b_m_s2: Vector3 | None = None
     pose_covariance: PartialMatrix6 | None = None
     velocity_covariance: Matrix3 | None = None
+    pl_h_m: float | None = None
+    pl_v_m: float | None = None
     valid: Validity = Validity()
     mode: Mode = Mode.WAITING
     flags: tuple[str, ...] = ()

@@ -35,6 +35,8 @@ FORMATS = {
     "sigma_roll_deg": "%.5f",
     "sigma_pitch_deg": "%.5f",
     "sigma_yaw_deg": "%.5f",
+    "pl_h_m": "%.3f",
+    "pl_v_m": "%.3f",
 }
 
 
@@ -52,6 +54,7 @@ def columns(poses: Array) -> dict[str, Array]:
         *np.sqrt(pose[:, [0, 7, 14]]).T,
         *np.sqrt(velocity[:, [0, 4, 8]]).T,
         *np.degrees(poses[:, L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3]).T,
+        *poses[:, L.R_PL_H : L.R_PL_V + 1].T,
     ]
     return dict(zip(FORMATS, values, strict=True))
 
@@ -76,6 +79,7 @@ def pose_columns(poses: Sequence[Pose]) -> dict[str, Array]:
             + [math.sqrt(covariance[k]) for k in (0, 7, 14)]
             + [math.sqrt(velocity[k]) for k in (0, 4, 8)]
             + _euler_sigmas(rotation, np.radians(angles))
+            + numbers((pose.pl_h_m, pose.pl_v_m))
         )
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(FORMATS))
     return dict(zip(FORMATS, table.T, strict=True))

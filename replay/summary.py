@@ -73,6 +73,10 @@ def _span(session: SessionResult) -> tuple[float, float]:
     return float(session.rows[:, TIME].min()), float(session.rows[:, TIME].max())
 
 
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else _number(value, 3)
+
+
 def _number(value: float, digits: int = 4) -> float | None:
     return round(float(value), digits) if math.isfinite(value) else None
 
@@ -103,7 +107,14 @@ def _session(session: SessionResult, result: Result) -> dict[str, Any]:
         "end": _end(session.output.poses),
         "coverage": _coverage(session.output.poses),
         "events": [
-            {"t_s": _number(event.t_end_s or math.nan, 3), "kind": event.kind, "text": event.text}
+            {
+                "t_s": _number(event.t_boot_s or math.nan, 3),
+                "kind": event.kind,
+                "start_s": _rounded(event.t_start_s),
+                "end_s": _rounded(event.t_end_s),
+                "size": event.size,
+                "text": event.text,
+            }
             for event in (writer.event(note, session.session) for note in session.output.notes)
         ],
         "warnings": warnings(session),

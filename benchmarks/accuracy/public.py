@@ -9,7 +9,7 @@ from benchmarks.accuracy.common import Settings, cell, head, row, say
 from benchmarks.accuracy.downlinked import EKF, Differences, differences, messages_of
 from mavkf.errors import MavkfError
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Sensor
+from mavkf.navigation.codes import Sensor
 from mavkf.navigation.records import model_name
 from mavkf.replay.export import columns
 from mavkf.replay.run import Options, Result

@@ -91,8 +91,8 @@ def quadratic(inverse, r):
 
 
 @compiled
-def correct(P, H, R, PHt, inverse, r, dx, considered, first):
-    """Fill dx = K r (n,) and update P in place; PHt and the inverse of S as computed before.
+def correct(P, H, R, PHt, inverse, r, dx, K, considered, first):
+    """Fill the gain K (n, m) and dx = K r (n,), and update P in place; PHt and the inverse of S as computed before.
 
     considered: a state whose gain is zero (-1: none), as are those of all states before `first`: its uncertainty counts, its value is
     left alone (Schmidt's consider filter:
@@ -101,7 +101,6 @@ def correct(P, H, R, PHt, inverse, r, dx, considered, first):
     With P1 = P - K (P H')' the Joseph product is P1 - (P1 H' - K R) K', which costs two rank-m updates.
     """
     m, n = H.shape
-    K = np.empty((n, m))
     for i in range(n):
         total = 0.0
         for b in range(m):

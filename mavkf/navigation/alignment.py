@@ -9,8 +9,9 @@ from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, Q
 from mavkf.navigation import layout as L
-from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.fusing import forget, note, tell
+from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 
 DURATION = 1.0  # s
@@ -20,6 +21,7 @@ STILL_RATE, STILL_RATE_SPREAD, STILL_FORCE_SPREAD, STILL_FORCE = 0.05, 0.02, 0.3
 STILL_SPEED = (
     1.0  # m/s: what no receiver shows of a vehicle that stands; steady braking looks as still as standing does
 )
+WRONG_FORCE = 1.0  # m/s^2 off gravity at rest: a tenth of a scale, more than any calibration leaves
 YAW_ARBITRARY = (
     0.01  # rad: one sigma about a heading that is arbitrary until yaw is found, so that levelling does not turn it
 )
@@ -51,13 +53,18 @@ def collect(s, e_imu, t, c, out):
     rate = math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
     if force < 0.3 * STANDARD_GRAVITY:
         return False  # falling, or no accelerometer: which way is down cannot be seen
-    still = (
+    calm = (
         rate < STILL_RATE
         and spread[0] < STILL_RATE_SPREAD**2
         and spread[1] < STILL_FORCE_SPREAD**2
-        and abs(force - STANDARD_GRAVITY) < STILL_FORCE
         and math.hypot(s[L.GNSS_SPEED], s[L.GNSS_SPEED + 1]) < STILL_SPEED
     )
+    still = calm and abs(force - STANDARD_GRAVITY) < STILL_FORCE
+    if calm and s[L.ARMED] != 1.0 and abs(force - STANDARD_GRAVITY) > WRONG_FORCE:
+        # which way is down it still shows, but nothing that can be integrated
+        s[L.WANTED] = L.CONSTANT_VELOCITY
+        scale = NoteCode.ACCELEROMETER_SCALE.value
+        tell(out, scale, 0.0, t, s[L.ALIGN_START], np.nan, force, STANDARD_GRAVITY, 0.0)
     x = s[L.X : L.P]
     # f_b = -C_nb' g: roll and pitch of the specific force
     roll = math.atan2(-mean[4], -mean[5])
@@ -114,6 +121,7 @@ def turn_heading(s, turn, variance):
     The tilt's part of P turns with it: it is the error of the same body axes, seen from another north.
     """
     P = L.covariance(s)
+    stop_monitors(s)
     rotate_left(s[Q : Q + 4], 0.0, 0.0, turn)
     c, d = math.cos(turn), math.sin(turn)
     for j in range(P.shape[0]):

@@ -18,6 +18,7 @@ from mavkf.config import Config
 from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
+from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.earth_field import earth_field
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
@@ -192,13 +193,7 @@ class SessionEstimator:
     def _allocate(self) -> None:
         self._events = np.empty((HISTORY, L.EVENT_WIDTH))
         self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
-        self._out = (
-            np.empty((BUFFER, L.INNOVATION_WIDTH)),
-            np.empty((BUFFER, L.NOTE_WIDTH)),
-            np.zeros(3, dtype=np.int64),
-            np.full(L.NOTE_CODES, -np.inf),
-            np.full(L.SENSORS * HISTORY, -1.0),
-        )
+        self._out = L.buffers(BUFFER, BUFFER, SENSORS * HISTORY)
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
     def _run(self, rows: Array) -> Iterator[Output]:
@@ -272,13 +267,7 @@ def run_offline(
     c = decider.parameters
     events = timeline.in_order(to_events(rows[select(rows, setup)], setup, 0))
     state = decider.state
-    out = (
-        np.empty((16 * BUFFER, L.INNOVATION_WIDTH)),
-        np.empty((BUFFER, L.NOTE_WIDTH)),
-        np.zeros(3, dtype=np.int64),
-        np.full(L.NOTE_CODES, -np.inf),
-        np.full(L.SENSORS, -1.0),  # in order, no event is folded twice
-    )
+    out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice
     poses = np.empty((16 * BUFFER, L.POSE_WIDTH))
     parts: list[Output] = []
     i, slot = 0, -1

@@ -15,8 +15,10 @@ from mavkf.compiled import NOTHING, VECTOR, compiled, compiled_apart
 from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
+from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.disturbances import watch_imu
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import OUT, NoteCode
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import (
     BAROMETER_KIND,
@@ -149,6 +151,7 @@ def use_imu(s, e, c, out):
         s[L.IMU + i] = imu[i]
     for i in range(3):
         s[L.RATE + i] = imu[i] - s[BG + i]
+    watch_imu(s, out)
     if s[L.MODEL] == L.TELEMETRY:
         if gap:
             enter(s, e, c)

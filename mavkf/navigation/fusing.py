@@ -1,7 +1,6 @@
 """Judging and fusing one measurement, and the record that it leaves either way.
 
-`out` holds the output buffers: innovation rows, note rows, their two counts and whether to keep silent, the time of the last note of
-each code, and the numbers of the events on record: an event that is folded again after a late one does not tell its story twice.
+`out` are the output buffers of `layout.buffers`: an event that is folded again after a late one does not tell its story twice.
 """
 
 import math
@@ -12,7 +11,9 @@ from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, VECTOR, compiled, co
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
 from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import OUT, Reason, Sensor
+from mavkf.navigation.codes import NOTE_CODES, SENSORS, Reason, Sensor
+from mavkf.navigation.layout import OUT
+from mavkf.navigation.monitors import watch
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import SOURCE
 
@@ -21,12 +22,23 @@ SLOWEST_FOR_LEARNING = 0.05  # s between IMU samples, above which its own errors
 
 @compiled
 def note(out, code, start, end, size, a, b):
-    """Write a note row, unless one of this code was written for this time or a later one (the event is folded again)."""
+    """Write a note row of what was found at its end, unless one of this code was written for this time or later (it is folded again)."""
+    tell(out, code.value, 0.0, end, start, end, size, a, b)
+
+
+@compiled
+def tell(out, code, apart, t, start, end, size, a, b):
+    """Write a note row at time t, as `note` does; what lasts has no end yet (NaN).
+
+    code: value of a NoteCode; apart: s that another note of its kind (begin or end) must be later than the last.
+    """
     notes, counts, written = out[1], out[2], out[3]
-    if counts[2] == 0 and end > written[code.value] and counts[1] < notes.shape[0]:
-        written[code.value] = end
+    slot = code if math.isfinite(end) else NOTE_CODES + code
+    if counts[2] == 0 and t > written[slot] + apart and counts[1] < notes.shape[0]:
+        written[slot] = t
         row = notes[counts[1]]
-        row[L.NOTE_CODE] = code.value
+        row[L.NOTE_CODE] = code
+        row[L.NOTE_TIME] = t
         row[L.NOTE_START] = start
         row[L.NOTE_END] = end
         row[L.NOTE_SIZE] = size
@@ -42,7 +54,7 @@ def record(out, e, t, sensor, r, S, nis, limit, reason):
     sensor, reason: values of their enumerations.
     """
     rows, counts, recorded = out[0], out[2], out[4]
-    slot = (L.SENSORS * int(e[L.EVENT_ID]) + sensor) % recorded.shape[0]
+    slot = (SENSORS * int(e[L.EVENT_ID]) + sensor) % recorded.shape[0]
     if counts[2] == 0 and recorded[slot] != e[L.EVENT_ID] and counts[0] < rows.shape[0]:
         recorded[slot] = e[L.EVENT_ID]
         row = rows[counts[0]]
@@ -111,7 +123,9 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
-    correct(P, H, R_lasting, PHt, inverse, r, dx, considered, int(s[L.CORRECT_FROM]))
+    K = np.empty((P.shape[0], m))
+    correct(P, H, R_lasting, PHt, inverse, r, dx, K, considered, int(s[L.CORRECT_FROM]))
+    watch(s, e, sensor, r, H, inverse, K, nis, sensor <= Sensor.BAROMETER.value and not lasts)
     retract(s[L.X : L.P], dx)
     return nis
 

@@ -5,12 +5,12 @@ covariance (of as many error states as are in use), then bookkeeping by name. Fl
 exact up to 2^53.
 """
 
-from enum import IntEnum
-
 import numpy as np
 
 from mavkf.compiled import INTEGERS, MATRIX, VECTOR, compiled, several
+from mavkf.models.strapdown import TOP
 from mavkf.models.vehicle_class import STATES_MOST, X_SIZE
+from mavkf.navigation.codes import FAULTS, NOTE_CODES
 from mavkf.samples import ROW_WIDTH
 
 SLOW = 0.125  # s between IMU samples: from here on what a vehicle does between them is mostly not seen
@@ -125,11 +125,13 @@ RECEIVERS = 4  # the book of each, in the order of `GNSS_SOURCES`, and in it:
     F_VELOCITY_REFUSED,  # velocities in a row
     F_SCALE_VELOCITY,  # learnt variance of the white part of the velocity, against what is claimed
     F_SCALE_COLOUR,  # of the coloured part of the position, where it has no state
-) = range(11)
-F_SCALE_POSITION = 11  # of the white part of the position, horizontal and vertical
-F_FIX = 13  # last fix: latitude, longitude, height, vn, ve
-F_REFUSED = 18  # last refused fix, the same
-BOOK = 23
+    F_REPEATS,  # fixes in a row with the very same values
+) = range(12)
+F_SCALE_POSITION = 12  # of the white part of the position, horizontal and vertical
+F_FIX = 14  # last fix: latitude, longitude, height, vn, ve
+F_REFUSED = 19  # last refused fix, the same
+F_INNOVATION = 24  # of the last position, horizontal, m
+BOOK = 26
 BOOKS = STANDBY_T + IMUS
 _class = BOOKS + RECEIVERS * BOOK
 (
@@ -143,7 +145,29 @@ LAST_CLASS = MEAN_FORCE + 3  # last innovations of the drag or of sideslip and a
 SCALE_LASTING = LAST_CLASS + 2  # learnt variance of the walk of the wind, or of slip that lasts
 CORRECT_FROM = SCALE_LASTING + 1  # error states before it are considered, not corrected, by what is fused now
 AIR_KNOWN = CORRECT_FROM + 1  # 1: the wind has been learnt in this flight
-PENDING = AIR_KNOWN + 1
+# Faults that are going on, in the order of FAULT_CODES: three numbers each
+FAULT_SINCE, FAULT_SIZE, FAULT_LAST = range(3)  # start (NaN: none), the largest size so far, when it was seen last
+FAULT_BOOK = AIR_KNOWN + 1
+_suspicion = FAULT_BOOK + 3 * FAULTS
+(
+    SUSPECT_POSITION,  # since when the main receiver's positions are not believed, s; NaN: they are
+    SUSPECT_VELOCITY,  # its velocities
+    AGREES_SINCE,  # start of an unbroken time in which what is suspected agrees with the state, NaN: it does not
+    DOUBT,  # m: by how much two accounts of the position differed when nothing could tell which was right
+    SCATTER,  # of late, positions that were refused and did not agree with each other either
+    PRESSURE_REFUSED_SINCE,  # start of an unbroken run of refused pressures, NaN: none
+    CLIPPED,  # samples in a row that show the same extreme force
+    MONITORED,  # 1: the effects of faults are being carried along
+) = range(_suspicion, _suspicion + 8)
+SINCE_UPDATE = (
+    _suspicion + 8
+)  # since the effects were carried along last: transition (9, TOP), and decay of the coloured error (2)
+# Effects of hypothetical faults on the estimate: see `monitors`. Each: start, J (3, 3), c (3), f (STATES_MOST, 3).
+H_SINCE, H_J, H_C, H_F = 0, 1, 10, 13
+HYPOTHESIS = 13 + 3 * STATES_MOST
+HYPOTHESES = 15
+MONITORS = SINCE_UPDATE + 9 * TOP + 2
+PENDING = MONITORS + HYPOTHESES * HYPOTHESIS
 PENDING_CAPACITY = 32
 HALF = PENDING + PENDING_CAPACITY * EVENT_WIDTH
 STATE_SIZE = 2 * HALF  # all of it twice: see SECOND
@@ -156,9 +180,9 @@ CONSTANT_VELOCITY, STRAPDOWN, TELEMETRY = 0.0, 1.0, 2.0  # values of MODEL
 I_R, I_S, I_NIS, I_LIMIT, I_FUSED, I_REASON = 4, 7, 16, 17, 18, 19
 INNOVATION_WIDTH = 20
 
-# A note: code, start, end (s), size, two numbers of evidence
-NOTE_CODE, NOTE_START, NOTE_END, NOTE_SIZE, NOTE_A, NOTE_B = range(6)
-NOTE_WIDTH = 6
+# A note: code, when it was told, start, end (s; NaN: it lasts), size, two numbers of evidence
+NOTE_CODE, NOTE_TIME, NOTE_START, NOTE_END, NOTE_SIZE, NOTE_A, NOTE_B = range(7)
+NOTE_WIDTH = 7
 
 # A pose row
 (
@@ -179,93 +203,29 @@ R_NED, R_V, R_Q, R_EULER, R_RATE, R_BG, R_BA = 12, 15, 18, 22, 25, 28, 31
 R_POSE_COVARIANCE = 34  # position then rotation, row-major 6 x 6
 R_VELOCITY_COVARIANCE = 70
 R_SIGMA_EULER = 79  # one sigma of roll, pitch, yaw, rad
-POSE_WIDTH = 82
+R_PL_H, R_PL_V = 82, 83  # m: protection levels
+POSE_WIDTH = 84
 
 VALID_POSITION, VALID_VELOCITY, VALID_TILT, VALID_YAW = 1, 2, 4, 8
 
 
-class Sensor(IntEnum):
-    """What an innovation belongs to."""
-
-    GNSS_POSITION = 0
-    GNSS_VELOCITY = 1
-    MAGNETOMETER = 2
-    BAROMETER = 3
-    GRAVITY = 4
-    REST_VELOCITY = 5
-    REST_RATE = 6
-    GYRO = 7
-    ACCELEROMETER = 8
-    GNSS_YAW = 9
-    WHEELS = 10
-    DRAG = 11
-    SIDESLIP = 12
-    AIRSPEED = 13
-
-
-SENSORS = len(Sensor)
-
-
-class Reason(IntEnum):
-    """Why a measurement was not fused."""
-
-    FUSED = 0
-    GATE = 1
-    DISTURBED = 2
-    SINGULAR = 3
-
-
-class ModeCode(IntEnum):
-    """Modes in the order of `mavkf.estimate.Mode`."""
-
-    WAITING = 0
-    ALIGNING = 1
-    ATTITUDE = 2
-    NAVIGATING = 3
-    DEAD_RECKONING = 4
-
-
-class Flag(IntEnum):
-    """Bits of a pose row's flags, in the order of `mavkf.estimate.FLAGS`."""
-
-    NO_IMU = 0
-    NO_GNSS = 1
-    NO_MAGNETOMETER = 2
-    YAW_UNKNOWN = 3
-    IMU_SLOW = 4
-    CONSTANT_VELOCITY = 5
-    GNSS_REFUSED = 6
-
-
-class NoteCode(IntEnum):
-    """What an event of the estimator says."""
-
-    ALIGNED = 0
-    YAW_ALIGNED = 1
-    POSITION_FOUND = 2
-    POSITION_RESET = 3
-    GNSS_OUTAGE = 4
-    GNSS_BACK = 5
-    POSITION_GIVEN_UP = 6
-    IMU_GAP = 7
-    MODEL_CHANGED = 8
-    ARMED = 9
-    DISARMED = 10
-    MAGNETOMETER_RELEARNT = 11
-    YAW_FROM_MOTION = 12
-    VELOCITY_RESET = 13
-    YAW_FROM_GNSS = 14
-    RECEIVER_CHANGED = 15
-    IMU_CHANGED = 16
-    MAGNETOMETER_CHANGED = 17
-    BAROMETER_CHANGED = 18
-
-
-NOTE_CODES = len(NoteCode)
-
-
 OUT = several(MATRIX, MATRIX, INTEGERS, VECTOR, VECTOR)
-"""Type of the output buffers of the fold: innovation rows, note rows, counts, times of the last notes, events on record."""
+"""Type of the output buffers of the fold."""
+
+
+def buffers(innovations: int, notes: int, recorded: int) -> tuple[np.ndarray, ...]:
+    """Output buffers of the fold, with room for so many innovation rows, notes, and records of which event has left an innovation.
+
+    Innovation rows, note rows, their two counts and whether to keep silent (int64), the time of the last note of each code as it began and
+    as it ended, and the numbers of the events on record.
+    """
+    return (
+        np.empty((innovations, INNOVATION_WIDTH)),
+        np.empty((notes, NOTE_WIDTH)),
+        np.zeros(3, dtype=np.int64),
+        np.full(2 * NOTE_CODES, -np.inf),
+        np.full(recorded, -1.0),
+    )
 
 
 @compiled

@@ -56,6 +56,9 @@ class Parameter(IntEnum):
     GNSS_SOURCE = 47
     FIELD_SOURCE = 48
     PRESSURE_SOURCE = 49
+    MONITORS = 51  # 1: they run
+    SUSPICION = 52  # s
+    RISK = 53
     CLASS = 50  # of the vehicle, as far as it is used: 0 none, 1 rover, 2 wing, 3 rotors
 
 

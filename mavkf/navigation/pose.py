@@ -8,7 +8,9 @@ from mavkf.compiled import compiled
 from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, Q, V, offset
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import Flag, ModeCode
+from mavkf.navigation.codes import Flag, ModeCode, NoteCode
+from mavkf.navigation.disturbances import is_on
+from mavkf.navigation.protection import protection_levels
 from mavkf.navigation.receivers import book_of
 
 POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
@@ -36,6 +38,10 @@ def flags_of(s):
         flags |= 1 << Flag.NO_GNSS.value
     elif s[book_of(s[L.MAIN]) + L.F_REFUSED_COUNT] > 0.0:
         flags |= 1 << Flag.GNSS_REFUSED.value
+    if math.isfinite(s[L.SUSPECT_POSITION]) or math.isfinite(s[L.SUSPECT_VELOCITY]) or is_on(s, NoteCode.GNSS_FROZEN):
+        flags |= 1 << Flag.GNSS_SUSPECTED.value
+    if is_on(s, NoteCode.MAGNETIC_DISTURBANCE):
+        flags |= 1 << Flag.MAGNETOMETER_DISTURBED.value
     if not s[L.T] - s[L.T_FIELD] < RECENT:
         flags |= 1 << Flag.NO_MAGNETOMETER.value
     if s[L.YAW_KNOWN] == 0.0:
@@ -85,8 +91,8 @@ def sigma_euler(P, q, euler, out):
 
 
 @compiled
-def pose_row(s, row):
-    """Fill a pose row (POSE_WIDTH,) from a state; NaN where nothing is known."""
+def pose_row(s, c, row):
+    """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""
     P = L.covariance(s)
     valid = valid_of(s)
     row[:] = np.nan
@@ -114,6 +120,7 @@ def pose_row(s, row):
             s[L.ORIGIN_HEIGHT],
             row[L.R_NED : L.R_NED + 3],
         )
+        row[L.R_PL_H], row[L.R_PL_V] = protection_levels(s, c)
     if velocity:
         for i in range(3):
             row[L.R_V + i] = s[V + i]

@@ -30,6 +30,8 @@ from mavkf.models.strapdown import (
     Q,
 )
 from mavkf.navigation import layout as L
+from mavkf.navigation.disturbances import MADE_UP_AFTER, begin_faults
+from mavkf.navigation.monitors import follow_decay, follow_transition, stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import begin_books
 from mavkf.navigation.sources import begin_sources
@@ -39,8 +41,7 @@ from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
 
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
-SMOOTHNESS = 1e-4  # of the usual variance of second differences: what arithmetic leaves of a line
-MADE_UP_AFTER = 10  # such samples in a row, which noise does not give by chance
+SMOOTHNESS = 1e-10  # of the usual variance of second differences: what the digits of a log leave of a line
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 
 
@@ -84,6 +85,8 @@ def begin(s, c):
         s[L.COLOUR_TIME + i] = c[Parameter.COLOUR_TIME]
     s[L.PERIOD] = c[Parameter.IMU_PERIOD]
     begin_sources(s, c)
+    begin_faults(s)
+    stop_monitors(s)
     begin_books(s, c)
     s[L.RATE : L.RATE + 3] = np.nan
     P = L.covariance(s)
@@ -148,6 +151,8 @@ def decay_colour(s, c, dt):
     for i in range(3):
         phi = math.exp(-dt / s[L.COLOUR_TIME + i // 2])
         s[GNSS + i] *= phi
+        if i > 0:
+            follow_decay(s, i // 2, phi)
         for j in range(P.shape[0]):
             P[DGNSS + i, j] *= phi
         for j in range(P.shape[0]):
@@ -203,6 +208,7 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
                 Phi[i, DBG + j] = 0.0
     add_noise(s, c, gyro, accel, 0.5 * dt)
     propagate_covariance(P, Phi)
+    follow_transition(s, Phi)
     add_noise(s, c, gyro, accel, 0.5 * dt)
     decay_colour(s, c, dt)
     s[L.T] += dt

@@ -13,8 +13,8 @@ from mavkf.compiled import compiled
 from mavkf.models.strapdown import DDELAY, DGNSS, GNSS, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.antenna import unknown_lever
+from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import (
     HEIGHT_AMSL,

@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 
 from mavkf.estimate import FLAGS, Event, Innovation, Mode, Origin, Pose, Validity
 from mavkf.navigation import layout as L
-from mavkf.navigation.layout import NoteCode, Reason, Sensor
+from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.words import words
 from mavkf.samples import Source
 
 Array = NDArray[np.float64]
 MODES = tuple(Mode)
 SENSOR_NAMES = tuple(sensor.name.lower() for sensor in Sensor)
-REASONS = {Reason.GATE: "outlier", Reason.DISTURBED: "disturbed", Reason.SINGULAR: "singular"}
+REASONS = {
+    Reason.GATE: "outlier",
+    Reason.DISTURBED: "disturbed",
+    Reason.SINGULAR: "singular",
+    Reason.SUSPECTED: "suspected",
+}
 INSTANCES = {
     Source.SCALED_IMU2: 1,
     Source.SCALED_IMU3: 2,
@@ -105,6 +111,8 @@ class RecordWriter:
             gyro_bias_b_rad_s=_vector(v[L.R_BG : L.R_BG + 3]),
             accel_bias_b_m_s2=_vector(v[L.R_BA : L.R_BA + 3]),
             pose_covariance=tuple(map(_number, covariance)) if any(map(math.isfinite, covariance)) else None,
+            pl_h_m=_number(v[L.R_PL_H]),
+            pl_v_m=_number(v[L.R_PL_V]),
             velocity_covariance=_vector(v[L.R_VELOCITY_COVARIANCE : L.R_VELOCITY_COVARIANCE + 9]),
             valid=validity(v[L.R_VALID]),
             mode=MODES[int(v[L.R_MODE])],
@@ -131,10 +139,10 @@ class RecordWriter:
     def event(self, note: Array, session: int) -> Event:
         """The Event of a note row (NOTE_WIDTH,)."""
         code = NoteCode(int(note[L.NOTE_CODE]))
-        start, end, size, a, b = (float(x) for x in note[L.NOTE_START : L.NOTE_WIDTH])
-        evidence, text = _words(code, start, end, size, a, b)
+        told, start, end, size, a, b = (float(x) for x in note[L.NOTE_TIME : L.NOTE_WIDTH])
+        evidence, text = words(code, start, end, size, a, b)
         return Event(
-            **self.head("event", session, end),
+            **self.head("event", session, told),
             kind=code.name.lower(),
             t_start_s=_number(start),
             t_end_s=_number(end),
@@ -142,82 +150,3 @@ class RecordWriter:
             evidence=evidence,
             text=text,
         )
-
-
-def _words(code: NoteCode, start: float, end: float, size: float, a: float, b: float) -> tuple[dict[str, Any], str]:
-    """Evidence and one sentence of a note."""
-    match code:
-        case NoteCode.ALIGNED:
-            how = "standing still" if a else "moving"
-            return {
-                "still": bool(a),
-                "force_m_s2": b,
-            }, f"attitude found from gravity while {how}; tilt known to {math.degrees(size):.1f} deg"
-        case NoteCode.YAW_ALIGNED:
-            return (
-                {"declination_deg": math.degrees(a), "field_tesla": b},
-                f"heading found from the magnetometer, with a declination of {math.degrees(a):.1f} deg",
-            )
-        case NoteCode.POSITION_FOUND:
-            return {
-                "fixes": int(a),
-                "fix_type": int(b),
-            }, f"position found: {int(a)} fixes in a row agree; known to {size:.1f} m"
-        case NoteCode.POSITION_RESET:
-            return (
-                {"refused_fixes": int(a), "down_m": b},
-                f"position reset by {size:.1f} m: {int(a)} fixes that agree with each other had been refused for {end - start:.0f} s",
-            )
-        case NoteCode.GNSS_OUTAGE:
-            return {"after_s": size}, f"no position fused for {size:.1f} s: dead reckoning"
-        case NoteCode.GNSS_BACK:
-            return {}, f"position fused again after {size:.1f} s"
-        case NoteCode.POSITION_GIVEN_UP:
-            return {
-                "sigma_m": size
-            }, f"position given up {end - start:.0f} s after the last fix: it was known to {size:.0f} m only"
-        case NoteCode.IMU_GAP:
-            return {}, f"no IMU sample for {size:.2f} s"
-        case NoteCode.MODEL_CHANGED:
-            return _model_changed(size, a, b)
-        case NoteCode.VELOCITY_RESET:
-            text = f"velocity reset by {size:.1f} m/s: {int(a)} velocities had been refused for {end - start:.0f} s"
-            return {"refused_velocities": int(a)}, text
-        case NoteCode.YAW_FROM_MOTION:
-            return (
-                {},
-                f"heading found from the motion: GNSS velocity and acceleration agree, known to {math.degrees(size):.1f} deg",
-            )
-        case NoteCode.YAW_FROM_GNSS:
-            text = f"heading taken from the receiver's two antennas: turned by {math.degrees(size):.1f} deg"
-            return {"sigma_deg": math.degrees(a)}, text
-        case (
-            NoteCode.RECEIVER_CHANGED
-            | NoteCode.IMU_CHANGED
-            | NoteCode.MAGNETOMETER_CHANGED
-            | NoteCode.BAROMETER_CHANGED
-        ):
-            before, now = Source(int(a)).name, Source(int(b)).name
-            what = code.name.split("_")[0].lower().replace("imu", "IMU")
-            why = "silent or refused" if code is NoteCode.RECEIVER_CHANGED else "silent"
-            text = f"{now} is used as the {what} in place of {before}, {why} for {end - start:.1f} s"
-            return {"before": before, "now": now}, text
-        case NoteCode.MAGNETOMETER_RELEARNT:
-            return (
-                {},
-                f"the magnetometer was off by {size * 1e6:.1f} microtesla for {end - start:.0f} s: its bias is learnt anew",
-            )
-        case NoteCode.ARMED:
-            return {}, "the vehicle was armed"
-        case NoteCode.DISARMED:
-            return {}, "the vehicle was disarmed"
-
-
-def _model_changed(odds: float, code: float, rate: float) -> tuple[dict[str, Any], str]:
-    name = {L.CONSTANT_VELOCITY: "constant-velocity", L.STRAPDOWN: "strapdown", L.TELEMETRY: "telemetry"}[code]
-    if rate:
-        return (
-            {"model": name, "log_odds": odds, "imu_hz": rate},
-            f"model {name} leads now: with the IMU at {rate:.2g} Hz the other sensors find it likelier",
-        )
-    return {"model": name}, f"model {name} begins"

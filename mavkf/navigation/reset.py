@@ -9,8 +9,10 @@ from mavkf.models import gnss
 from mavkf.models.strapdown import DGNSS, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, V, move, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.antenna import carry_lever, mounting
+from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode
+from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import become_main, claimed, other_in_agreement, set_colour, way_since, white_variance
 from mavkf.samples import FIX as FIX_TYPE
@@ -125,13 +127,17 @@ def doubt_attitude(s):
 
 
 @compiled
-def refuse_or_reset(s, e, c, out, b):
-    """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them."""
+def refuse_or_reset(s, e, c, out, b, size):
+    """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them.
+
+    size: m, of the horizontal innovation; b: the receiver's book.
+    """
     vn = e[VELOCITY_N] if math.isfinite(e[VELOCITY_N]) else 0.0
     ve = e[VELOCITY_E] if math.isfinite(e[VELOCITY_E]) else 0.0
     k = b + L.F_REFUSED
     dt = s[L.T] - s[b + L.F_T_BEFORE]
     if not (s[b + L.F_REFUSED_COUNT] > 0 and agrees(s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4], dt, e, c)):
+        s[L.SCATTER] += 1.0 if s[b + L.F_REFUSED_COUNT] > 0 else 0.0
         s[b + L.F_REFUSED_SINCE] = s[L.T]
         s[b + L.F_REFUSED_COUNT] = 0.0
     s[b + L.F_REFUSED_COUNT] += 1.0
@@ -139,17 +145,40 @@ def refuse_or_reset(s, e, c, out, b):
     # fixes whose velocity is refused as well have a filter against them that is wrong itself: a shock, a wild manoeuvre
     told = math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])
     wrong = told and not s[b + L.F_T_VELOCITY] >= s[b + L.F_REFUSED_SINCE]
-    patience = min(c[Parameter.RESET], PATIENCE_WITH_ITSELF) if wrong else c[Parameter.RESET]
+    patience = c[Parameter.RESET]
+    if wrong:
+        patience = min(patience, PATIENCE_WITH_ITSELF)
+    else:
+        if told and c[Parameter.MONITORS] != 0.0:
+            # the velocities are fused, and they say that the state is right
+            patience = c[Parameter.SUSPICION]
+        if s[b + L.F_REFUSED_COUNT] >= FIXES_TO_START:
+            begin_fault(s, out, NoteCode.GNSS_JUMP, s[b + L.F_REFUSED_SINCE], size, s[b + L.F_REFUSED_COUNT], 0.0)
     if s[L.T] - s[b + L.F_REFUSED_SINCE] >= patience and s[b + L.F_REFUSED_COUNT] >= FIXES_TO_START:
         other = other_in_agreement(s)
         if other >= 0:
             # another receiver says that the state is right
             become_main(s, c, out, other, s[b + L.F_REFUSED_SINCE])
+            end_fault(s, out, NoteCode.GNSS_JUMP)
+            stop_monitors(s)
             return
-        d = np.empty(3)
-        offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[LATITUDE], s[LONGITUDE], s[HEIGHT], d)
-        size = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        note(out, NoteCode.POSITION_RESET, s[b + L.F_REFUSED_SINCE], s[L.T], size, s[b + L.F_REFUSED_COUNT], d[2])
-        set_position(s, c, e, b)
-        if wrong:
-            doubt_attitude(s)
+        reset_position(s, e, c, out, b, wrong)
+
+
+@compiled
+def reset_position(s, e, c, out, b, wrong):
+    """Take the state to a fix, and tell it; wrong: whether the filter lost its velocity too. b: the receiver's book."""
+    d = np.empty(3)
+    offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[LATITUDE], s[LONGITUDE], s[HEIGHT], d)
+    size = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    note(out, NoteCode.POSITION_RESET, s[b + L.F_REFUSED_SINCE], s[L.T], size, s[b + L.F_REFUSED_COUNT], d[2])
+    set_position(s, c, e, b)
+    end_fault(s, out, NoteCode.GNSS_JUMP)
+    end_fault(s, out, NoteCode.GNSS_DRIFT)
+    s[L.SUSPECT_POSITION] = np.nan
+    s[L.AGREES_SINCE] = np.nan
+    stop_monitors(s)
+    if wrong:
+        doubt_attitude(s)
+    else:
+        s[L.DOUBT] = max(s[L.DOUBT], 0.5 * size)

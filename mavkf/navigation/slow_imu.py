@@ -7,8 +7,8 @@ from mavkf.models import telemetry
 from mavkf.models.strapdown import BA, BG, DBG, N
 from mavkf.models.telemetry import DOMEGA, FORCE, OMEGA
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import Reason, Sensor
 from mavkf.navigation.fusing import forget, fuse, widen
-from mavkf.navigation.layout import Reason, Sensor
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import add_noise, decay_colour, set_acceleration

@@ -11,8 +11,8 @@ from mavkf.compiled import compiled
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.strapdown import BA, BG, DBA, DBG
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.fusing import forget, note
-from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import ACCEL, SOURCE, TIME
 

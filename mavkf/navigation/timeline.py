@@ -88,7 +88,7 @@ def run_batch(s, events, first, slot, c, rate, poses, out):
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > slot:
                 slot = now
-                pose_row(s, poses[count])
+                pose_row(s, c, poses[count])
                 count += 1
     return i, count, slot
 
@@ -182,6 +182,6 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > cursor[LAST_SLOT]:
                 cursor[LAST_SLOT] = now
-                pose_row(s, poses[count])
+                pose_row(s, c, poses[count])
                 count += 1
     return i, count

@@ -10,8 +10,8 @@ import math
 
 from mavkf.compiled import compiled
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.fusing import note
-from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.slow_imu import enter, leave
 

@@ -8,13 +8,16 @@ from mavkf.compiled import compiled
 from mavkf.models import barometer
 from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import fuse
-from mavkf.navigation.layout import NoteCode, Reason, Sensor
 from mavkf.navigation.learning import LEAST_SCALE, learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
 from mavkf.samples import PRESSURE
 
+DISTURBED_AFTER = 0.5  # s of refusals, after which it is told
+RELEARN_AFTER = 30.0  # s of refusals, after which its bias is taken to have changed
 FLOOR = 0.2  # m: gusts and the rounding to whole counts
 
 
@@ -53,3 +56,15 @@ def use_barometer(s, e, c, out):
     nis = fuse(s, e, c, out, Sensor.BAROMETER, r, H, R, Reason.FUSED)
     if nis >= 0.0:
         s[L.SCALE_BARO] = learn(s[L.SCALE_BARO], nis, 1, R[0, 0] / S, LEAST_SCALE)
+        s[L.PRESSURE_REFUSED_SINCE] = np.nan
+        end_fault(s, out, NoteCode.BAROMETER_DISTURBANCE)
+    elif not math.isfinite(s[L.PRESSURE_REFUSED_SINCE]):
+        s[L.PRESSURE_REFUSED_SINCE] = s[L.T]
+    else:
+        lasted = s[L.T] - s[L.PRESSURE_REFUSED_SINCE]
+        if lasted >= DISTURBED_AFTER:
+            begin_fault(s, out, NoteCode.BAROMETER_DISTURBANCE, s[L.PRESSURE_REFUSED_SINCE], abs(r[0]), 0.0, 0.0)
+        if lasted >= RELEARN_AFTER:
+            # it shows another height for good: a new bias, from what the others say
+            s[L.BAROMETER_KNOWN] = 0.0
+            s[L.PRESSURE_REFUSED_SINCE] = np.nan

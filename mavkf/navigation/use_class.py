@@ -16,8 +16,8 @@ from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import HEIGHT, Q, V
 from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import Sensor
 from mavkf.navigation.fusing import fuse_lasting, widen
-from mavkf.navigation.layout import Sensor
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import lasting

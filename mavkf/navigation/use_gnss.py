@@ -16,21 +16,21 @@ from mavkf.models.strapdown import (
     LATITUDE,
     LONGITUDE,
     POS,
-    VEL,
     V,
     offset,
 )
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import STILL_SPEED, doubt_stillness
 from mavkf.navigation.antenna import mounting
-from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING, forget, fuse, fuse_lasting, note
-from mavkf.navigation.layout import NoteCode, Reason, Sensor
-from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_colour, learn_colour_time, learn_walk
+from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.disturbances import end_fault
+from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING, fuse, fuse_lasting, note
+from mavkf.navigation.learning import LEAST_SCALE, learn, learn_colour, learn_colour_time
+from mavkf.navigation.monitors import begin_hypotheses
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import (
     SILENT,
     book_of,
-    claimed,
     coloured_sigma,
     is_main,
     lasting,
@@ -38,23 +38,27 @@ from mavkf.navigation.receivers import (
     set_colour,
     white_variance,
 )
-from mavkf.navigation.reset import (
-    FIXES_TO_START,
-    PATIENCE_WITH_ITSELF,
-    doubt_attitude,
-    refuse_or_reset,
-    start_position,
+from mavkf.navigation.reset import refuse_or_reset, reset_position, start_position
+from mavkf.navigation.suspicion import (
+    SCATTER_MEMORY,
+    absolve_position,
+    agreement,
+    fade_doubt,
+    follow_scatter,
+    is_frozen,
+    out_of_patience,
+    surprise,
 )
+from mavkf.navigation.use_gnss_velocity import fuse_velocity
 from mavkf.navigation.use_gnss_yaw import use_gnss_yaw
+from mavkf.navigation.verdict import judge_faults
 from mavkf.navigation.yaw_bank import use_bank
 from mavkf.samples import FIX as FIX_TYPE
 from mavkf.samples import (
     HEIGHT_AMSL,
     HEIGHT_ELLIPSOID,
-    SIGMA_SPEED,
     SOURCE,
     TIME,
-    VELOCITY_D,
     VELOCITY_E,
     VELOCITY_N,
 )
@@ -63,7 +67,6 @@ from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 FIX_3D = 3
 SPEED_TIME = 5.0  # s
-ACCELERATION_LASTS = 1.0  # s
 MOST_SURPRISE = 4.0  # of the NIS against its limit: twice as many sigma
 LEAST_COLOUR_SCALE = 1.0  # of what a fix's claim allows
 
@@ -96,13 +99,21 @@ def use_gnss(s, e, c, out):
     if first and s[L.ALIGNED] != 0.0 and speed > STILL_SPEED + c[Parameter.ACCELERATION] * (s[L.T] - s[L.ALIGN_START]):
         doubt_stillness(s, c)
     use_gnss_yaw(s, e, c, out)
+    s[b + L.F_REPEATS] = s[b + L.F_REPEATS] + 1.0 if repeats(s, e, b) else 0.0
     if s[L.POSITION_KNOWN] == 0.0:
         if main:
             start_position(s, e, c, out, b)
     elif main:
+        if is_frozen(s, e, b, out):
+            return
+        if c[Parameter.MONITORS] != 0.0:
+            begin_hypotheses(s)
         fuse_position(s, e, c, out, b)
         fuse_velocity(s, e, c, out, b)
         use_bank(s, e, c, out, b)
+        if s[L.MONITORED] != 0.0:
+            judge_faults(s, out)
+        fade_doubt(s, e[TIME] - s[b + L.F_T_BEFORE])
     elif same_fix(s, e):
         s[L.DUPLICATES] += 1.0
     else:
@@ -111,6 +122,17 @@ def use_gnss(s, e, c, out):
     k = b + L.F_FIX
     s[k], s[k + 1], s[k + 2] = e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL]
     s[k + 3], s[k + 4] = e[VELOCITY_N], e[VELOCITY_E]
+
+
+@compiled
+def repeats(s, e, b):
+    """Whether a fix has the very same values as the last of its receiver, of which its book b tells."""
+    k = b + L.F_FIX
+    same = e[FIX_LATITUDE] == s[k] and e[FIX_LONGITUDE] == s[k + 1] and e[HEIGHT_AMSL] == s[k + 2]
+    for i in range(2):
+        v = e[VELOCITY_N + i]
+        same = same and (v == s[k + 3 + i] or (not math.isfinite(v) and not math.isfinite(s[k + 3 + i])))
+    return same
 
 
 @compiled
@@ -203,11 +225,24 @@ def fuse_position(s, e, c, out, b):
         S[i] = R[i, i] + P[POS + i, POS + i] + P[DGNSS + i, DGNSS + i] + 2.0 * P[POS + i, DGNSS + i]
     if not (math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])):
         weigh_surprise(P, H, R, r, c[Parameter.LIMIT_3])
+    s[b + L.F_INNOVATION], s[b + L.F_INNOVATION + 1] = r[0], r[1]
+    if math.isfinite(s[L.SUSPECT_POSITION]):
+        if not agreement(s, surprise(P, H, R, r), 3):
+            fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.SUSPECTED)
+            if out_of_patience(s, c, s[L.SUSPECT_POSITION]):
+                s[b + L.F_REFUSED_SINCE] = s[L.SUSPECT_POSITION]
+                reset_position(s, e, c, out, b, False)
+            return
+        absolve_position(s, out)
     nis = fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.FUSED)
+    s[L.SCATTER] *= SCATTER_MEMORY
     if nis < 0.0:
-        refuse_or_reset(s, e, c, out, b)
+        refuse_or_reset(s, e, c, out, b, math.hypot(r[0], r[1]))
+        follow_scatter(s, out, b, math.hypot(r[0], r[1]))
         return
     fused_position(s, out, b)
+    end_fault(s, out, NoteCode.GNSS_JUMP)
+    follow_scatter(s, out, b, math.hypot(r[0], r[1]))
     s[b + L.F_REFUSED_SINCE] = np.nan
     s[b + L.F_REFUSED_COUNT] = 0.0
     k = b + L.F_SCALE_POSITION
@@ -256,68 +291,3 @@ def fuse_other_position(s, e, c, out, b):
     if nis >= 0.0:
         fused_position(s, out, b)
         s[b + L.F_SCALE_COLOUR] = learn(s[b + L.F_SCALE_COLOUR], nis, 3, lingering / total, LEAST_COLOUR_SCALE)
-
-
-@compiled
-def fuse_velocity(s, e, c, out, b):
-    """Fuse the velocity of a fix, as a vector of two or, where the message has the vertical one, three. b: the receiver's book."""
-    x = s[L.X : L.P]
-    P = L.covariance(s)
-    vn, ve, vd = e[VELOCITY_N], e[VELOCITY_E], e[VELOCITY_D]
-    if not (math.isfinite(vn) and math.isfinite(ve)):
-        return
-    m = 3 if math.isfinite(vd) else 2
-    r = np.empty(3)
-    z_hat = np.empty(3)
-    H = np.empty((3, P.shape[0]))
-    R = np.zeros((3, 3))
-    C = np.empty((3, 3))
-    w = np.empty(3)
-    a = s[L.ACCELERATION : L.ACCELERATION + 3]
-    sigma = claimed(e, SIGMA_SPEED, c[Parameter.SPEED])
-    # the claim is for white noise; part of the error lingers from fix to fix, so it has a floor
-    variance = max(sigma * sigma * s[b + L.F_SCALE_VELOCITY], c[Parameter.SPEED_FLOOR] ** 2)
-    speed = math.hypot(vn, ve)
-    # a slow receiver does not know its course, and some hold the last one
-    across = (c[Parameter.COURSE] / (1.0 + speed)) ** 2
-    un, ue = (vn / speed, ve / speed) if speed > 0.0 else (0.0, 0.0)
-    R[0, 0] = variance + across * (1.0 - un * un)
-    R[1, 1] = variance + across * (1.0 - ue * ue)
-    R[0, 1] = -across * un * ue
-    R[1, 0] = R[0, 1]
-    R[2, 2] = 2.25 * variance
-    mounting(s, C, w)
-    gnss.predict_velocity(x, a, C, w, z_hat)
-    gnss.velocity_jacobian(x, a, C, w, H)
-    r[0] = vn - z_hat[0]
-    r[1] = ve - z_hat[1]
-    r[2] = vd - z_hat[2]
-    main = e[SOURCE] == s[L.MAIN]
-    if not main:
-        # its delay is its own: a a' sigma_delay^2, for as long as an acceleration lasts
-        dt = e[TIME] - s[b + L.F_T_BEFORE]
-        times = lasting(dt, ACCELERATION_LASTS) if math.isfinite(dt) else 1.0
-        for i in range(3):
-            H[i, DDELAY] = 0.0
-            for j in range(3):
-                R[i, j] += times * c[Parameter.DELAY] ** 2 * a[i] * a[j]
-    share = variance / (variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
-    nis = fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R[:m, :m].copy(), Reason.FUSED)
-    if nis >= 0.0:
-        s[b + L.F_T_VELOCITY] = s[L.T]
-        s[b + L.F_SCALE_VELOCITY] = learn(s[b + L.F_SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
-        s[b + L.F_VELOCITY_REFUSED] = 0.0
-        if main and s[L.MODEL] != L.CONSTANT_VELOCITY:
-            learn_walk(s, r, variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
-            s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)
-        return
-    s[b + L.F_VELOCITY_REFUSED] += 1.0
-    long = s[L.T] - s[b + L.F_T_VELOCITY] >= PATIENCE_WITH_ITSELF and s[b + L.F_VELOCITY_REFUSED] >= FIXES_TO_START
-    if main and long:
-        size = math.sqrt(r[0] * r[0] + r[1] * r[1])
-        note(out, NoteCode.VELOCITY_RESET, s[b + L.F_T_VELOCITY], s[L.T], size, s[b + L.F_VELOCITY_REFUSED], 0.0)
-        for i in range(m):
-            x[V + i] += r[i]
-            forget(s, VEL + i, 1, R[i, i] + 1.0)
-        doubt_attitude(s)
-        s[b + L.F_VELOCITY_REFUSED] = 0.0

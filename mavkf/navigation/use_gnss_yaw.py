@@ -10,8 +10,8 @@ from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
+from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.fusing import fuse, note
-from mavkf.navigation.layout import NoteCode, Reason, Sensor
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import GNSS_YAW
 

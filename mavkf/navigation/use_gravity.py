@@ -9,8 +9,8 @@ from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, Q, V
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import Reason, Sensor
 from mavkf.navigation.fusing import fuse
-from mavkf.navigation.layout import Reason, Sensor
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.yaw_bank import relevel_bank
 from mavkf.samples import GYRO_RESOLUTION

@@ -11,8 +11,9 @@ from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
+from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import forget, fuse, note
-from mavkf.navigation.layout import NoteCode, Reason, Sensor
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
@@ -28,6 +29,7 @@ AGE_JITTER = 0.01  # s: how well the age of the field is known
 TURN = 1.0  # s: how long a turn lasts
 HELD = 0.1  # s: what a slow link shows has been held for up to a period of the sensor; ArduPilot reads it at 10 Hz
 LEAST_FIELD_SCALE = 0.7  # a disturbance that lingers is not seen in the innovations, so the noise is only learnt upward
+DISTURBED_AFTER = 0.5  # s of refusals, after which it is told
 RELEARN_AFTER = 5.0  # s of refusals, after which the vehicle's own field is taken to have changed
 SLOW = 0.2  # s between IMU samples: with a slower one it is the heading that is lost when the field disagrees
 RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
@@ -89,18 +91,23 @@ def use_magnetometer(s, e, c, out):
         total += variance + row_variance(P, H, i)
     s[L.T_MAGNETOMETER] = s[L.T]
     nis = fuse(s, e, c, out, Sensor.MAGNETOMETER, r, H, R, Reason.DISTURBED if disturbed else Reason.FUSED)
+    size = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
     if nis >= 0.0:
         s[L.FIELD_REFUSED_SINCE] = np.nan
+        end_fault(s, out, NoteCode.MAGNETIC_DISTURBANCE)
         s[L.SCALE_FIELD] = learn(s[L.SCALE_FIELD], nis, 3, 3.0 * white / total, LEAST_FIELD_SCALE)
     elif not math.isfinite(s[L.FIELD_REFUSED_SINCE]):
         s[L.FIELD_REFUSED_SINCE] = s[L.T]
-    elif s[L.T] - s[L.FIELD_REFUSED_SINCE] > RELEARN_AFTER and not disturbed:
+    elif s[L.T] - s[L.FIELD_REFUSED_SINCE] <= RELEARN_AFTER or disturbed:
+        if s[L.T] - s[L.FIELD_REFUSED_SINCE] >= DISTURBED_AFTER:
+            begin_fault(s, out, NoteCode.MAGNETIC_DISTURBANCE, s[L.FIELD_REFUSED_SINCE], size, 0.0, 0.0)
+    else:
         since_when = s[L.FIELD_REFUSED_SINCE]
         s[L.FIELD_REFUSED_SINCE] = np.nan
         if s[L.PERIOD] > SLOW:
             first_heading(s, C, mx - x[IRON], my - x[IRON + 1], mz - x[IRON + 2], out)
             return
-        size = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+        end_fault(s, out, NoteCode.MAGNETIC_DISTURBANCE)
         note(out, NoteCode.MAGNETOMETER_RELEARNT, since_when, s[L.T], size, 0.0, 0.0)
         relearn_iron(s, r)
 

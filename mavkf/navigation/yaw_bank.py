@@ -20,8 +20,8 @@ from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import BA, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
+from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.fusing import note
-from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import way_since, white_variance
 from mavkf.samples import SIGMA_SPEED, TIME, VELOCITY_E, VELOCITY_N

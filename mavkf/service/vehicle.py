@@ -151,7 +151,7 @@ class VehicleStream:
         assert self.estimator is not None
         row = np.zeros(L.POSE_WIDTH)
         if self.estimator.setup is not None:
-            pose_row(self.estimator.state, row)
+            pose_row(self.estimator.state, self.estimator.parameters, row)
         else:
             row[L.R_LATITUDE] = math.nan
         elapsed = self._newest - self._status_time

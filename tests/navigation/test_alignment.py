@@ -14,6 +14,7 @@ from mavkf.models.rotation import (
 from mavkf.models.strapdown import BG, DBA, DBARO, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
+from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import choose, parameters
@@ -25,13 +26,7 @@ G = 9.80665
 
 
 def outputs() -> tuple[Array, ...]:
-    return (
-        np.empty((64, L.INNOVATION_WIDTH)),
-        np.empty((64, L.NOTE_WIDTH)),
-        np.zeros(3, dtype=np.int64),
-        np.full(L.NOTE_CODES, -np.inf),
-        np.full(1024, -1.0),
-    )
+    return L.buffers(64, 64, 1024)
 
 
 def new_state() -> tuple[Array, Array]:
@@ -90,7 +85,7 @@ def test_tilt(roll: float, pitch: float) -> None:
     # the heading is arbitrary, and must not be turned by what is learnt of the tilt
     assert np.sqrt(P[2, 2]) < 0.1
     assert s[L.YAW_KNOWN] == 0.0
-    assert out[1][0, L.NOTE_CODE] == L.NoteCode.ALIGNED
+    assert out[1][0, L.NOTE_CODE] == NoteCode.ALIGNED
     assert out[1][0, L.NOTE_A] == 1.0
 
 

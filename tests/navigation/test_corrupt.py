@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from mavkf.models.strapdown import BARO
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import Sensor
 from mavkf.samples import KIND, TIME, Kind
 
 from ._session import position_error, run, session
@@ -86,5 +87,5 @@ def test_the_first_pressure_after_the_first_position_may_be_corrupt() -> None:
     rows[some, 8] = np.nan
     check(rows)
     output = run(rows)[1]
-    record = output.innovations[output.innovations[:, L.I_SENSOR] == L.Sensor.BAROMETER]
+    record = output.innovations[output.innovations[:, L.I_SENSOR] == Sensor.BAROMETER]
     assert np.sum(record[:, L.I_FUSED]) > 100

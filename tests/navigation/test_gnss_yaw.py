@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode, Sensor
 from mavkf.navigation.estimator import run_offline
-from mavkf.navigation.layout import NoteCode, Sensor
 from mavkf.samples import GNSS_YAW, KIND, TIME, Kind
 
 from ._session import CONFIG, motion, session

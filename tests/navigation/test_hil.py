@@ -12,8 +12,8 @@ from mavkf.link.clocks import VehicleClock
 from mavkf.link.decode import decode
 from mavkf.link.framing import scan_records
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import Sensor
 from mavkf.navigation.estimator import Offline, run_offline
-from mavkf.navigation.layout import Sensor
 from mavkf.samples import (
     ACCEL,
     FIELD,

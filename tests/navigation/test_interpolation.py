@@ -20,13 +20,7 @@ def between(shares: list[float]) -> np.ndarray:
     """The state at the second sample, with measurements that tell nothing (a field, where no declination is known) on the way."""
     config = Config()
     c = parameters(config, choose(np.empty((0, 24)), config))
-    out = (
-        np.empty((16, L.INNOVATION_WIDTH)),
-        np.empty((16, L.NOTE_WIDTH)),
-        np.zeros(3, dtype=np.int64),
-        np.full(L.NOTE_CODES, -np.inf),
-        np.full(64, -1.0),
-    )
+    out = L.buffers(16, 16, 64)
     s = np.empty(L.STATE_SIZE)
     begin(s, c)
     s[L.T] = s[L.T_IMU] = 10.0

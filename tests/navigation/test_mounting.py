@@ -9,8 +9,8 @@ from mavkf.config import settings, with_settings
 from mavkf.models.gnss import ANTENNA, DANTENNA
 from mavkf.models.strapdown import BG, N
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.estimator import Offline, run_offline
-from mavkf.navigation.layout import NoteCode
 from mavkf.samples import ACCEL, FIELD, GYRO, KIND, LATITUDE, TIME, Kind
 
 from ._session import CONFIG, RADII, motion, position_error, run, session

@@ -6,8 +6,8 @@ import pytest
 from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
+from mavkf.navigation.codes import SENSORS, NoteCode, Sensor
 from mavkf.navigation.estimator import BUFFER, Offline, run_offline, to_events
-from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.timeline import in_order, precedes
 from mavkf.samples import ARRIVAL, KIND, SEQUENCE, SOURCE, TIME, Kind, Source
@@ -153,22 +153,22 @@ def test_every_measurement_leaves_one_record_however_often_it_is_folded(rows: Ar
     _, output = run(late)
     columns = [L.I_TIME, L.I_SENSOR]
     live = output.innovations[:, columns]
-    measured = live[:, 1] != L.Sensor.GRAVITY
+    measured = live[:, 1] != Sensor.GRAVITY
     keys, counts = np.unique(live[measured], axis=0, return_counts=True)
     assert counts.max() == 1
     expected = batch.output.innovations[:, columns]
-    expected = np.unique(expected[expected[:, 1] != L.Sensor.GRAVITY], axis=0)
+    expected = np.unique(expected[expected[:, 1] != Sensor.GRAVITY], axis=0)
     # every fix after the start-up, every barometer and magnetometer value
     events = to_events(rows, batch.setup, 0)
-    start = batch.output.notes[batch.output.notes[:, L.NOTE_CODE] == L.NoteCode.POSITION_FOUND, L.NOTE_END][0]
+    start = batch.output.notes[batch.output.notes[:, L.NOTE_CODE] == NoteCode.POSITION_FOUND, L.NOTE_END][0]
     last = events[events[:, KIND] == Kind.IMU, TIME].max()
     fixes = np.sort(events[(events[:, KIND] == Kind.GNSS) & (events[:, TIME] > start), TIME])
-    for sensor in (L.Sensor.GNSS_POSITION, L.Sensor.GNSS_VELOCITY):
+    for sensor in (Sensor.GNSS_POSITION, Sensor.GNSS_VELOCITY):
         np.testing.assert_allclose(expected[expected[:, 1] == sensor, 0], fixes[fixes <= last], atol=1e-9)
         np.testing.assert_allclose(keys[keys[:, 1] == sensor, 0], fixes[fixes <= last], atol=1e-9)
     barometer = events[(events[:, KIND] == Kind.BAROMETER) & (events[:, TIME] > start), TIME]
-    assert np.sum(expected[:, 1] == L.Sensor.BAROMETER) == np.sum(barometer <= last) - 1  # the first sets the bias
-    assert np.sum(keys[:, 1] == L.Sensor.BAROMETER) == np.sum(barometer <= last) - 1
+    assert np.sum(expected[:, 1] == Sensor.BAROMETER) == np.sum(barometer <= last) - 1  # the first sets the bias
+    assert np.sum(keys[:, 1] == Sensor.BAROMETER) == np.sum(barometer <= last) - 1
 
 
 def test_older_than_the_window_is_counted_and_dropped(rows: Array) -> None:
@@ -198,13 +198,7 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
     history = np.empty((capacity, L.EVENT_WIDTH))
     snapshots = np.empty((capacity // timeline.STRIDE + 2, L.STATE_SIZE))
     marks, poses = np.full(timeline.MARKS_SIZE, -np.inf), np.empty((BUFFER, L.POSE_WIDTH))
-    out = (
-        np.empty((BUFFER, L.INNOVATION_WIDTH)),
-        np.empty((BUFFER, L.NOTE_WIDTH)),
-        np.zeros(3, dtype=np.int64),
-        np.full(L.NOTE_CODES, -np.inf),
-        np.full(4 * capacity, -1.0),
-    )
+    out = L.buffers(BUFFER, BUFFER, 4 * capacity)
     i = 0
     while i < events.shape[0]:
         out[2][:] = 0
@@ -274,13 +268,7 @@ def test_a_batch_in_pieces_writes_the_same_poses(rows: Array) -> None:
     def poses(room: int) -> Array:
         state, written = np.empty(L.STATE_SIZE), []
         begin(state, whole.parameters)
-        out = (
-            np.empty((timeline.ROOM + room, L.INNOVATION_WIDTH)),
-            np.empty((BUFFER, L.NOTE_WIDTH)),
-            np.zeros(3, dtype=np.int64),
-            np.full(L.NOTE_CODES, -np.inf),
-            np.full(L.SENSORS, -1.0),
-        )
+        out = L.buffers(timeline.ROOM + room, BUFFER, SENSORS)
         buffer, i, slot = np.empty((1000, L.POSE_WIDTH)), 0, -1
         while i < events.shape[0]:
             out[2][:] = 0

@@ -7,8 +7,8 @@ import pytest
 
 from mavkf.models.strapdown import DDELAY, DGNSS, GNSS
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode, Sensor
 from mavkf.navigation.estimator import Offline, run_offline
-from mavkf.navigation.layout import NoteCode, Sensor
 from mavkf.navigation.receivers import become_main, book_of, lasting, set_colour
 from mavkf.navigation.records import RecordWriter
 from mavkf.samples import (
@@ -134,8 +134,7 @@ def test_another_receiver_begins_a_new_error_that_lingers(batch: Offline) -> Non
     s, fix = batch.state.copy(), np.zeros(L.EVENT_WIDTH)
     fix[SIGMA_HORIZONTAL], fix[SIGMA_VERTICAL] = 0.5, 0.7
     delay = L.covariance(s)[DDELAY, DDELAY]
-    out = (np.empty((8, L.INNOVATION_WIDTH)), np.empty((8, L.NOTE_WIDTH)), np.zeros(3, np.int64))
-    become_main(s, batch.parameters, (*out, np.full(L.NOTE_CODES, -np.inf), np.empty(8)), float(TWO), 138.0)
+    become_main(s, batch.parameters, L.buffers(8, 8, 8), float(TWO), 138.0)
     set_colour(s, fix, batch.parameters)
     P = L.covariance(s)
     assert s[L.MAIN] == TWO

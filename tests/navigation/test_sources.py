@@ -5,8 +5,8 @@ import pytest
 
 from mavkf.models.strapdown import BG, IRON
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode, Sensor
 from mavkf.navigation.estimator import run_offline
-from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.records import RecordWriter
 from mavkf.samples import ACCEL, FIELD, GYRO, KIND, PRESSURE, SOURCE, TIME, Kind, Source
 
@@ -135,7 +135,7 @@ def test_another_barometer_takes_over_with_its_own_bias(rows: Array) -> None:
     poses = result.output.poses[result.output.poses[:, L.R_TIME] > 115.0]
     truth = motion(poses[:, L.R_TIME] - 100.0).p[:, 2]
     assert np.abs(poses[:, L.R_HEIGHT] - 400.0 + truth).max() < 2.0
-    baro = result.output.innovations[result.output.innovations[:, L.I_SENSOR] == L.Sensor.BAROMETER]
+    baro = result.output.innovations[result.output.innovations[:, L.I_SENSOR] == Sensor.BAROMETER]
     assert np.all(baro[:, L.I_FUSED] == 1.0)
     assert np.sum(baro[:, L.I_SOURCE] == Source.SCALED_PRESSURE2) > 150
 

@@ -11,8 +11,8 @@ from mavkf.models.strapdown import N as STRAPDOWN_STATES
 from mavkf.models.telemetry import DFORCE, DOMEGA, FORCE, OMEGA
 from mavkf.models.telemetry import N as TELEMETRY_STATES
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.estimator import run_offline
-from mavkf.navigation.layout import NoteCode
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import begin, unseen_share
 from mavkf.navigation.setup import choose, parameters

@@ -1,0 +1,219 @@
+"""Monitors of faults: how a fault of each kind, begun at each of several times, would show in the innovations and shift the estimate.
+
+The generalised likelihood ratio test of Willsky and Jones, "A generalized likelihood ratio approach to the detection and estimation of
+jumps in linear systems", IEEE Transactions on Automatic Control 21(1), 1976. A fault of size b that the filter does not know of shifts its
+estimate by f b and its innovations by G b, where with the filter's own matrices
+
+    f <- Phi f        G = D - H f        f <- f + K G
+
+and D is how the fault shows in the measurement itself. By linear regression on the innovations r of covariance S
+
+    J = J_0 + sum G' S^-1 G        c = sum G' S^-1 r        b = J^-1 c        l = c' J^-1 c
+
+l is twice the logarithm of the likelihood ratio, of as many degrees of freedom as b has components. J_0 says how large such faults are.
+A fault of the IMU is a step of its true bias, which the estimate lacks: f begins at -1 there, and D is zero.
+
+Since effects are carried along with the filter's own gain, what they say holds for whatever it fuses or considers.
+"""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.filters.joseph import invert
+from mavkf.models.strapdown import DBA, DBG, DGNSS, TOP
+from mavkf.navigation import layout as L
+from mavkf.navigation.codes import Sensor
+from mavkf.samples import SOURCE
+
+RAMP, VELOCITY, GYRO, ACCELEROMETER = (
+    0,
+    1,
+    2,
+    3,
+)  # position that runs away; velocity, gyro and accelerometer off by a constant
+KINDS = 4
+FAULT_SIGMA = np.array([5.0, 10.0, 0.1, 2.0])  # how large such faults are: m/s, m/s, rad/s, m/s^2
+# For each hypothesis its kind, and when it begins anew: at phase, phase + every, ... on the boot clock (s). A fast fault shows within
+# seconds of its start, a slow drift of the position in a minute.
+KIND = np.array([RAMP] * 6 + [VELOCITY] * 3 + [GYRO] * 3 + [ACCELEROMETER] * 3)
+EVERY = np.array([20.0] * 4 + [60.0] * 2 + [12.0] * 9)
+PHASE = np.array([0.0, 5.0, 10.0, 15.0, 0.0, 30.0] + [0.0, 4.0, 8.0] * 3)
+CLIP = (
+    20.0  # NIS beyond which an innovation counts no more than one of this size: an outlier is no evidence of what lasts
+)
+
+
+@compiled
+def can_judge(s):
+    """Whether the model is one that the monitors follow, and the innovations are the sensors' rather than the sampling's."""
+    return s[L.MODEL] == L.STRAPDOWN and s[L.PERIOD] <= L.SLOW and s[L.RECOVERING] == 0.0 and s[L.POSITION_KNOWN] != 0.0
+
+
+@compiled
+def hypothesis(h):
+    """Where hypothesis h is in the state."""
+    return L.MONITORS + h * L.HYPOTHESIS
+
+
+@compiled
+def effect(s, h):
+    """The shift f (STATES, 3) of the estimate by a unit fault of hypothesis h, as a view."""
+    b = hypothesis(h) + L.H_F
+    n = int(s[L.STATES])
+    return s[b : b + 3 * n].reshape((n, 3))
+
+
+@compiled
+def stop_monitors(s):
+    """Forget all hypotheses: the estimate was changed by other means than its own gain."""
+    s[L.MONITORED] = 0.0
+    for h in range(L.HYPOTHESES):
+        s[hypothesis(h)] = np.nan
+
+
+@compiled
+def carry_nothing(s):
+    """The effects stand at the state's time."""
+    k = L.SINCE_UPDATE
+    for i in range(9):
+        for j in range(TOP):
+            s[k + TOP * i + j] = 1.0 if i == j else 0.0
+    s[k + 9 * TOP] = 1.0
+    s[k + 9 * TOP + 1] = 1.0
+
+
+@compiled
+def begin_hypotheses(s):
+    """At a fix: begin each hypothesis whose time has come, or all where none is followed; forget them where nothing can be judged."""
+    if not can_judge(s):
+        if s[L.MONITORED] != 0.0:
+            stop_monitors(s)
+        return
+    if s[L.MONITORED] != 0.0:
+        carry_effects(s)
+    carry_nothing(s)
+    s[L.MONITORED] = 1.0
+    for h in range(L.HYPOTHESES):
+        b = hypothesis(h)
+        since = s[b + L.H_SINCE]
+        if math.isfinite(since) and math.floor((since - PHASE[h]) / EVERY[h]) == math.floor(
+            (s[L.T] - PHASE[h]) / EVERY[h]
+        ):
+            continue
+        for i in range(L.HYPOTHESIS):
+            s[b + i] = 0.0
+        s[b + L.H_SINCE] = s[L.T]
+        for i in range(3):
+            s[b + L.H_J + 4 * i] = 1.0 / FAULT_SIGMA[KIND[h]] ** 2
+            if KIND[h] >= GYRO:
+                s[b + L.H_F + 3 * ((DBG if KIND[h] == GYRO else DBA) + i) + i] = -1.0
+
+
+@compiled
+def follow_transition(s, Phi):
+    """Add one step's transition (9, TOP) to what the effects have still to be carried along."""
+    if s[L.MONITORED] == 0.0:
+        return
+    k = L.SINCE_UPDATE
+    before = s[k : k + 9 * TOP].copy()
+    for i in range(9):
+        for j in range(TOP):
+            total = Phi[i, j] if j >= 9 else 0.0
+            for m in range(9):
+                total += Phi[i, m] * before[TOP * m + j]
+            s[k + TOP * i + j] = total
+
+
+@compiled
+def follow_decay(s, axis, phi):
+    """Let the effects on the coloured error decay by phi; axis: 0 horizontal, 1 vertical."""
+    s[L.SINCE_UPDATE + 9 * TOP + axis] *= phi
+
+
+@compiled
+def carry_effects(s):
+    """Carry all effects along to the state's time."""
+    k = L.SINCE_UPDATE
+    top = np.empty(9)
+    for h in range(L.HYPOTHESES):
+        if not math.isfinite(s[hypothesis(h)]):
+            continue
+        f = effect(s, h)
+        for a in range(3):
+            for i in range(9):
+                total = 0.0
+                for j in range(TOP):
+                    total += s[k + TOP * i + j] * f[j, a]
+                top[i] = total
+            for i in range(9):
+                f[i, a] = top[i]
+            for i in range(3):
+                f[DGNSS + i, a] *= s[k + 9 * TOP + i // 2]
+    carry_nothing(s)
+
+
+@compiled
+def watch(s, e, sensor, r, H, inverse, K, nis, tells):
+    """Take one fused measurement into all hypotheses: innovation r (m,), H (m, n), S^-1 (m, m), gain K (n, m), sensor: value of a Sensor.
+
+    tells: whether the innovation is evidence; the effects follow the gain in any case.
+    """
+    if s[L.MONITORED] == 0.0:
+        return
+    carry_effects(s)
+    m, n = H.shape
+    weight = 1.0 if nis <= CLIP else CLIP / nis
+    main = e[SOURCE] == s[L.MAIN]
+    G = np.empty((m, 3))
+    W = np.empty((m, 3))
+    for h in range(L.HYPOTHESES):
+        b = hypothesis(h)
+        if not math.isfinite(s[b]):
+            continue
+        f = effect(s, h)
+        for a in range(m):
+            for j in range(3):
+                G[a, j] = 0.0
+            for i in range(n):
+                if H[a, i] != 0.0:
+                    for j in range(3):
+                        G[a, j] -= H[a, i] * f[i, j]
+        if main and KIND[h] == RAMP and sensor == Sensor.GNSS_POSITION.value:
+            for a in range(m):
+                G[a, a] += s[L.T] - s[b]
+        elif main and KIND[h] == VELOCITY and sensor == Sensor.GNSS_VELOCITY.value:
+            for a in range(m):
+                G[a, a] += 1.0
+        if tells:
+            for a in range(m):
+                for j in range(3):
+                    W[a, j] = 0.0
+                    for k in range(m):
+                        W[a, j] += weight * inverse[a, k] * G[k, j]
+            for i in range(3):
+                for a in range(m):
+                    s[b + L.H_C + i] += W[a, i] * r[a]
+                    for j in range(3):
+                        s[b + L.H_J + 3 * i + j] += G[a, i] * W[a, j]
+        for i in range(n):
+            for a in range(m):
+                for j in range(3):
+                    f[i, j] += K[i, a] * G[a, j]
+
+
+@compiled
+def regress(s, h, size, covariance):
+    """Fill the likeliest size b (3,) of hypothesis h and its covariance J^-1 (3, 3); returns l, or 0 where there is nothing to tell."""
+    b = hypothesis(h)
+    J = s[b + L.H_J : b + L.H_J + 9].reshape((3, 3))
+    if not math.isfinite(s[b]) or not invert(J, covariance) > 0.0:
+        return 0.0
+    ratio = 0.0
+    for i in range(3):
+        size[i] = 0.0
+        for j in range(3):
+            size[i] += covariance[i, j] * s[b + L.H_C + j]
+        ratio += size[i] * s[b + L.H_C + i]
+    return ratio

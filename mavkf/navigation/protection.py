@@ -1,0 +1,66 @@
+"""Protection levels: bounds on the horizontal and the vertical error, undetected faults counted in, exceeded with a stated risk at most.
+
+Solution separation with what was measured (Brenner, "Integrated GPS/inertial fault detection availability", Navigation 43(2), 1996; Blanch
+et al., "Baseline advanced RAIM user algorithm and possible improvements", IEEE Transactions on Aerospace and Electronic Systems 51(1),
+2015): for each fault that the monitors follow, the estimate without it lies f b away and has the covariance P + f J^-1 f', so that the
+error is at most |f b| + k sqrt(largest variance) if it is there. The bound is the largest of these and of k_0 times sigma without any
+fault. A fault is there, and not found yet, at one sample in ten at most (`UNDETECTED`), so its factor is that of a tenfold risk.
+
+A sigma is a claim itself: `CLAIM` covers that a receiver's error lasts longer, or is larger, than it says. (What the monitors leave
+undecided is wider than that already.)
+"""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models.strapdown import POS
+from mavkf.navigation import layout as L
+from mavkf.navigation.monitors import effect, hypothesis, regress
+from mavkf.navigation.parameter import Parameter
+
+CLAIM = 1.3
+UNDETECTED = 0.1
+
+
+@compiled
+def factor(risk):
+    """The distance, in sigmas, that two normal components together exceed with this probability: Rayleigh's distribution."""
+    return math.sqrt(-2.0 * math.log(risk))
+
+
+@compiled
+def largest_sigma(a, b, d):
+    """Square root of the larger eigenvalue of [[a, b], [b, d]]."""
+    return math.sqrt(max(0.5 * (a + d) + math.sqrt(0.25 * (a - d) * (a - d) + b * b), 0.0))
+
+
+@compiled
+def protection_levels(s, c):
+    """The bounds on the horizontal and on the vertical error of the position, m."""
+    P = L.covariance(s)
+    k_0 = CLAIM * factor(c[Parameter.RISK])
+    k = factor(min(c[Parameter.RISK] / UNDETECTED, 0.5))
+    horizontal = k_0 * largest_sigma(P[POS, POS], P[POS, POS + 1], P[POS + 1, POS + 1])
+    vertical = k_0 * math.sqrt(P[POS + 2, POS + 2])
+    if s[L.MONITORED] != 0.0:
+        size, C = np.empty(3), np.empty((3, 3))
+        shift, M = np.empty(3), np.empty((3, 3))
+        for h in range(L.HYPOTHESES):
+            if not math.isfinite(s[hypothesis(h)]):
+                continue
+            regress(s, h, size, C)
+            f = effect(s, h)
+            for i in range(3):
+                shift[i] = 0.0
+                for j in range(3):
+                    shift[i] += f[POS + i, j] * size[j]
+                    M[i, j] = P[POS + i, POS + j]
+                    for a in range(3):
+                        for b in range(3):
+                            M[i, j] += f[POS + i, a] * C[a, b] * f[POS + j, b]
+            away = math.hypot(shift[0], shift[1])
+            horizontal = max(horizontal, away + k * largest_sigma(M[0, 0], M[0, 1], M[1, 1]))
+            vertical = max(vertical, abs(shift[2]) + k * math.sqrt(max(M[2, 2], 0.0)))
+    return horizontal + s[L.DOUBT], vertical + s[L.DOUBT]

@@ -1,0 +1,120 @@
+"""A receiver under suspicion: its fixes are judged but not fused, until they agree with what the other sensors say, or patience ends.
+
+A fault was found in its positions or velocities while the rest of the vehicle contradicts it. Dead reckoning goes on with what is left, its
+covariance grows, and what is suspected is believed again as soon as it agrees with the state for a while: a healthy receiver is never
+locked out. After `integrity.suspicion_s` nobody can tell any more who is right: the state is reset to the receiver, which is told, and half
+of what the two differed by stays in the protection level as a doubt.
+"""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.filters.joseph import innovation_covariance, invert, quadratic
+from mavkf.models.strapdown import VEL, V
+from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.disturbances import begin_fault, end_fault
+from mavkf.navigation.monitors import stop_monitors
+from mavkf.navigation.parameter import Parameter
+from mavkf.samples import TIME, VELOCITY_E, VELOCITY_N
+
+AGREES = 1.5  # NIS per degree of freedom
+AGREE_TIME = 1.0  # s of fixes that agree
+FROZEN_AFTER = 1.0  # s of fixes that repeat each other while the vehicle moves
+FROZEN_COUNT = 3.0
+MOVING = 1.0  # m/s beyond three sigma: a fix changes by more than its last digit from one to the next
+SCATTERED = 4.0  # positions refused of late that did not agree with each other
+SCATTER_MEMORY = 0.9  # of a count of them, from fix to fix
+NOISY, QUIET = 9.0, 4.0  # times the claimed variance: three sigma, and two
+DOUBT_TIME = 300.0  # s in which a doubt fades
+
+
+@compiled
+def surprise(P, H, R, r):
+    """NIS of an innovation r (m,); infinite where S is not positive definite. P: (n, n), H: (m, n), R: (m, m)."""
+    m = r.shape[0]
+    PHt = np.empty((P.shape[0], m))
+    S = np.empty((m, m))
+    inverse = np.empty((m, m))
+    innovation_covariance(P, H, R, PHt, S)
+    return quadratic(inverse, r) if invert(S, inverse) > 0.0 else np.inf
+
+
+@compiled
+def agreement(s, nis, m):
+    """Whether what is suspected has agreed with the state for long enough, given the NIS of m degrees of freedom of its newest."""
+    if not nis <= AGREES * m:
+        s[L.AGREES_SINCE] = np.nan
+        return False
+    if not math.isfinite(s[L.AGREES_SINCE]):
+        s[L.AGREES_SINCE] = s[L.T]
+    return s[L.T] - s[L.AGREES_SINCE] >= AGREE_TIME
+
+
+@compiled
+def absolve_position(s, out):
+    """Believe the main receiver's positions again."""
+    s[L.SUSPECT_POSITION] = np.nan
+    s[L.AGREES_SINCE] = np.nan
+    end_fault(s, out, NoteCode.GNSS_DRIFT)
+    stop_monitors(s)
+
+
+@compiled
+def absolve_velocity(s, out):
+    """Believe the main receiver's velocities again."""
+    s[L.SUSPECT_VELOCITY] = np.nan
+    s[L.AGREES_SINCE] = np.nan
+    end_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG)
+    stop_monitors(s)
+
+
+@compiled
+def out_of_patience(s, c, since):
+    """Whether something has been suspected for too long (since: s, NaN: it is not)."""
+    return s[L.T] - since > c[Parameter.SUSPICION]
+
+
+@compiled
+def speed_beyond_doubt(s):
+    """Horizontal speed (m/s) less three sigma of it."""
+    P = L.covariance(s)
+    return math.hypot(s[V], s[V + 1]) - 3.0 * math.sqrt(P[VEL, VEL] + P[VEL + 1, VEL + 1])
+
+
+@compiled
+def is_frozen(s, e, b, out):
+    """Whether a fix only repeats the one before while the vehicle moves: no news, and after a while a fault. b: the receiver's book."""
+    if s[b + L.F_REPEATS] == 0.0:
+        end_fault(s, out, NoteCode.GNSS_FROZEN)
+        return False
+    claims = math.hypot(e[VELOCITY_N], e[VELOCITY_E])
+    if not (claims > MOVING or speed_beyond_doubt(s) > MOVING):
+        return False
+    lasted = s[b + L.F_REPEATS] * (e[TIME] - s[b + L.F_T_BEFORE])
+    if s[b + L.F_REPEATS] >= FROZEN_COUNT and lasted >= FROZEN_AFTER:
+        begin_fault(s, out, NoteCode.GNSS_FROZEN, s[L.T] - lasted, s[b + L.F_REPEATS], 0.0, 0.0)
+    else:
+        s[L.DUPLICATES] += 1.0
+    return True
+
+
+@compiled
+def follow_scatter(s, out, b, size):
+    """After a position of the main receiver was judged: jamming shows in positions that scatter more than claimed. b: its book.
+
+    size: m, of the innovation, horizontal.
+    """
+    scale = s[b + L.F_SCALE_POSITION]
+    if s[L.SCATTER] >= SCATTERED or scale >= NOISY:
+        begin_fault(s, out, NoteCode.GNSS_JAMMED, s[L.T], size, s[L.SCATTER], math.sqrt(scale))
+    elif s[L.SCATTER] < 1.0 and scale < QUIET:
+        end_fault(s, out, NoteCode.GNSS_JAMMED)
+
+
+@compiled
+def fade_doubt(s, dt):
+    """Let a doubt about the position fade over dt (s)."""
+    s[L.DOUBT] *= math.exp(-dt / DOUBT_TIME)

@@ -1,0 +1,117 @@
+"""The velocity of a fix in the fold: fused, suspected, or taken for the state where it is the filter that is wrong."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.models import gnss
+from mavkf.models.strapdown import DDELAY, VEL, V
+from mavkf.navigation import layout as L
+from mavkf.navigation.antenna import mounting
+from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.disturbances import begin_fault, end_fault
+from mavkf.navigation.fusing import forget, fuse, note
+from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_walk
+from mavkf.navigation.monitors import stop_monitors
+from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.receivers import claimed, lasting
+from mavkf.navigation.reset import FIXES_TO_START, PATIENCE_WITH_ITSELF, doubt_attitude
+from mavkf.navigation.suspicion import absolve_velocity, agreement, out_of_patience, surprise
+from mavkf.samples import SIGMA_SPEED, SOURCE, TIME, VELOCITY_D, VELOCITY_E, VELOCITY_N
+
+ACCELERATION_LASTS = 1.0  # s
+
+
+@compiled
+def position_contradicts(s, b, size):
+    """Whether the receiver's positions go on agreeing with the state while its velocities are refused by size (m/s). b: its book.
+
+    Had the filter lost the velocity, the positions would by now be off by as much as it has gone astray.
+    """
+    astray = 0.5 * size * (s[L.T] - s[b + L.F_T_VELOCITY])
+    fused = s[b + L.F_REFUSED_COUNT] == 0.0 and s[b + L.F_T_POSITION] == s[L.T]
+    return fused and math.hypot(s[b + L.F_INNOVATION], s[b + L.F_INNOVATION + 1]) < 0.5 * astray
+
+
+@compiled
+def fuse_velocity(s, e, c, out, b):
+    """Fuse the velocity of a fix, as a vector of two or, where the message has the vertical one, three. b: the receiver's book."""
+    x = s[L.X : L.P]
+    P = L.covariance(s)
+    vn, ve, vd = e[VELOCITY_N], e[VELOCITY_E], e[VELOCITY_D]
+    if not (math.isfinite(vn) and math.isfinite(ve)):
+        return
+    m = 3 if math.isfinite(vd) else 2
+    r = np.empty(3)
+    z_hat = np.empty(3)
+    H = np.empty((3, P.shape[0]))
+    R = np.zeros((3, 3))
+    C = np.empty((3, 3))
+    w = np.empty(3)
+    a = s[L.ACCELERATION : L.ACCELERATION + 3]
+    sigma = claimed(e, SIGMA_SPEED, c[Parameter.SPEED])
+    # the claim is for white noise; part of the error lingers from fix to fix, so it has a floor
+    variance = max(sigma * sigma * s[b + L.F_SCALE_VELOCITY], c[Parameter.SPEED_FLOOR] ** 2)
+    speed = math.hypot(vn, ve)
+    # a slow receiver does not know its course, and some hold the last one
+    across = (c[Parameter.COURSE] / (1.0 + speed)) ** 2
+    un, ue = (vn / speed, ve / speed) if speed > 0.0 else (0.0, 0.0)
+    R[0, 0] = variance + across * (1.0 - un * un)
+    R[1, 1] = variance + across * (1.0 - ue * ue)
+    R[0, 1] = -across * un * ue
+    R[1, 0] = R[0, 1]
+    R[2, 2] = 2.25 * variance
+    mounting(s, C, w)
+    gnss.predict_velocity(x, a, C, w, z_hat)
+    gnss.velocity_jacobian(x, a, C, w, H)
+    r[0] = vn - z_hat[0]
+    r[1] = ve - z_hat[1]
+    r[2] = vd - z_hat[2]
+    main = e[SOURCE] == s[L.MAIN]
+    if not main:
+        # its delay is its own: a a' sigma_delay^2, for as long as an acceleration lasts
+        dt = e[TIME] - s[b + L.F_T_BEFORE]
+        times = lasting(dt, ACCELERATION_LASTS) if math.isfinite(dt) else 1.0
+        for i in range(3):
+            H[i, DDELAY] = 0.0
+            for j in range(3):
+                R[i, j] += times * c[Parameter.DELAY] ** 2 * a[i] * a[j]
+    share = variance / (variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
+    suspected = main and math.isfinite(s[L.SUSPECT_VELOCITY])
+    if suspected and agreement(s, surprise(P, H[:m], R[:m, :m].copy(), r[:m]), m):
+        absolve_velocity(s, out)
+        suspected = False
+    reason = Reason.SUSPECTED if suspected else Reason.FUSED
+    nis = fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R[:m, :m].copy(), reason)
+    if nis >= 0.0:
+        s[b + L.F_T_VELOCITY] = s[L.T]
+        s[b + L.F_SCALE_VELOCITY] = learn(s[b + L.F_SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
+        s[b + L.F_VELOCITY_REFUSED] = 0.0
+        if main and s[L.MODEL] != L.CONSTANT_VELOCITY:
+            learn_walk(s, r, variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
+            s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)
+        return
+    s[b + L.F_VELOCITY_REFUSED] += 1.0
+    if not main:
+        return
+    size = math.sqrt(r[0] * r[0] + r[1] * r[1])
+    long = s[L.T] - s[b + L.F_T_VELOCITY] >= PATIENCE_WITH_ITSELF and s[b + L.F_VELOCITY_REFUSED] >= FIXES_TO_START
+    if suspected:
+        long = out_of_patience(s, c, s[L.SUSPECT_VELOCITY])
+    elif long and position_contradicts(s, b, size):
+        # the fixes' own way does not go where their velocity points
+        s[L.SUSPECT_VELOCITY] = s[b + L.F_T_VELOCITY]
+        s[L.AGREES_SINCE] = np.nan
+        begin_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG, s[b + L.F_T_VELOCITY], size, 0.0, nis)
+        return
+    if long:
+        note(out, NoteCode.VELOCITY_RESET, s[b + L.F_T_VELOCITY], s[L.T], size, s[b + L.F_VELOCITY_REFUSED], 0.0)
+        s[L.SUSPECT_VELOCITY] = np.nan
+        end_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG)
+        stop_monitors(s)
+        for i in range(m):
+            x[V + i] += r[i]
+            forget(s, VEL + i, 1, R[i, i] + 1.0)
+        doubt_attitude(s)
+        s[b + L.F_VELOCITY_REFUSED] = 0.0

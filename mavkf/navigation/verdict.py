@@ -1,0 +1,130 @@
+"""What follows from the monitors: the likeliest fault is named, its effect taken out of the estimate, and its sensor distrusted."""
+
+import math
+
+import numpy as np
+
+from mavkf.compiled import compiled
+from mavkf.filters.joseph import invert
+from mavkf.models.strapdown import DBA, DBG, DGNSS, retract
+from mavkf.navigation import layout as L
+from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.disturbances import begin_fault
+from mavkf.navigation.fusing import tell
+from mavkf.navigation.monitors import (
+    GYRO,
+    KIND,
+    RAMP,
+    VELOCITY,
+    effect,
+    hypothesis,
+    regress,
+    stop_monitors,
+)
+
+# By kind: twice the log likelihood ratio at which a fault is believed, and the least size that is worth a name. Chi-square with three
+# degrees of freedom exceeds 30 once in 700,000 trials; the IMU's kinds need more, because what is not modelled (scale, vibration, the
+# lag of a turn) looks like a bias for a while. m/s, m/s, rad/s, m/s^2.
+VERDICTS = np.array([30.0, 40.0, 50.0, 80.0])
+LEAST = np.array([0.1, 0.4, math.radians(0.1), 0.05])
+LEAST_AGE = 1.0  # s of evidence
+
+
+@compiled
+def take_out(s, h, size, covariance):
+    """Take the effect of hypothesis h, of this size (3,) and covariance (3, 3), out of the estimate: x <- x - f b, P <- P + f J^-1 f'."""
+    P = L.covariance(s)
+    f = effect(s, h)
+    n = P.shape[0]
+    dx = np.empty(n)
+    spread = np.empty((n, 3))
+    for i in range(n):
+        dx[i] = 0.0
+        for j in range(3):
+            dx[i] -= f[i, j] * size[j]
+            spread[i, j] = 0.0
+            for k in range(3):
+                spread[i, j] += f[i, k] * covariance[k, j]
+    for i in range(n):
+        for j in range(n):
+            for k in range(3):
+                P[i, j] += spread[i, k] * f[j, k]
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (P[i, j] + P[j, i])
+            P[i, j] = mean
+            P[j, i] = mean
+    retract(s[L.X : L.P], dx)
+
+
+@compiled
+def horizontal_ratio(size, covariance):
+    """How significant the horizontal part of a size (3,) of covariance (3, 3) is: b' C^-1 b of its first two components."""
+    part = np.empty((2, 2))
+    inverse = np.empty((2, 2))
+    for i in range(2):
+        for j in range(2):
+            part[i, j] = covariance[i, j]
+    if not invert(part, inverse) > 0.0:
+        return 0.0
+    ratio = 0.0
+    for i in range(2):
+        for j in range(2):
+            ratio += size[i] * inverse[i, j] * size[j]
+    return ratio
+
+
+@compiled
+def judge_faults(s, out):
+    """After a fix of the main receiver: if a fault is likely enough, name it, take its effect out and distrust what has it."""
+    size, covariance = np.empty(3), np.empty((3, 3))
+    best, which = 0.0, -1
+    for h in range(L.HYPOTHESES):
+        if s[L.T] - s[hypothesis(h)] >= LEAST_AGE:
+            ratio = regress(s, h, size, covariance)
+            if ratio > best:
+                best, which = ratio, h
+    if which < 0 or best < VERDICTS[KIND[which]]:
+        return
+    kind = KIND[which]
+    regress(s, which, size, covariance)
+    length = math.sqrt(size[0] * size[0] + size[1] * size[1] + size[2] * size[2])
+    if length < LEAST[kind]:
+        return
+    since = s[hypothesis(which)]
+    if kind == RAMP:
+        across = math.hypot(size[0], size[1])
+        if horizontal_ratio(size, covariance) > 0.5 * VERDICTS[RAMP] and across > LEAST[RAMP]:
+            take_out(s, which, size, covariance)
+            s[L.SUSPECT_POSITION] = since
+            s[L.AGREES_SINCE] = np.nan
+            begin_fault(s, out, NoteCode.GNSS_DRIFT, since, across * (s[L.T] - since), across, best)
+        else:
+            take_out(s, which, size, covariance)
+            distrust_height(s, size[2] * (s[L.T] - since))
+            height = NoteCode.GNSS_HEIGHT_DRIFT.value
+            way = abs(size[2]) * (s[L.T] - since)
+            tell(out, height, 0.0, s[L.T], since, s[L.T], way, size[2], best)
+    elif kind == VELOCITY:
+        take_out(s, which, size, covariance)
+        s[L.SUSPECT_VELOCITY] = since
+        s[L.AGREES_SINCE] = np.nan
+        begin_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG, since, length, 0.0, best)
+    else:
+        take_out(s, which, size, covariance)
+        first = DBG if kind == GYRO else DBA
+        P = L.covariance(s)
+        for i in range(3):
+            # a bias that has stepped may not have done so at once
+            P[first + i, first + i] += 0.01 * length * length
+        code = NoteCode.GYRO_STEP.value if kind == GYRO else NoteCode.ACCELEROMETER_STEP.value
+        tell(out, code, 0.0, s[L.T], since, s[L.T], length, 0.0, best)
+    stop_monitors(s)
+
+
+@compiled
+def distrust_height(s, way):
+    """Let the coloured error of the height be as large as the way (m) by which the receiver's height ran off; it is learnt anew."""
+    P = L.covariance(s)
+    P[DGNSS + 2, DGNSS + 2] += way * way
+    s[L.COLOUR + 1] = max(s[L.COLOUR + 1], abs(way))
