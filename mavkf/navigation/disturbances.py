@@ -80,7 +80,7 @@ def calm_fault(s, out, code):
 @compiled
 def watch_imu(s, out):
     """What the IMU's samples show by themselves, after one was taken: made-up values, clipping, vibration."""
-    if s[L.SMOOTH] >= MADE_UP_AFTER and s[L.RESTING] == 0.0:
+    if s[L.SMOOTH] >= MADE_UP_AFTER:
         begin_fault(s, out, NoteCode.IMU_FROZEN, s[L.T] - s[L.SMOOTH] * s[L.PERIOD], s[L.SMOOTH], 0.0, 0.0)
     else:
         end_fault(s, out, NoteCode.IMU_FROZEN)

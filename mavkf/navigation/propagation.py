@@ -42,6 +42,7 @@ from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
 SMOOTHNESS = 1e-10  # of the usual variance of second differences: what the digits of a log leave of a line
+MOVES, TURNS = 0.3, 0.03  # m/s, rad/s
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 
 
@@ -272,13 +273,19 @@ def follow_smoothness(s, e, second):
     """Count the samples in a row that lie on a line with the two before, given the squares (2,) of the second differences of now.
 
     Those of real samples have the variance 2 (D - T) by the mean squares D and products T of first differences. Samples without any of
-    it have been repeated or interpolated: somebody has filled a gap with them.
+    it have been repeated or interpolated: somebody has filled a gap with them. (A simulated IMU may
+    have no noise, and stand still, while the vehicle rolls along.)
     """
     smooth = True
     for k in range(2):
         usual = 2.0 * (s[L.DIFFERENCE_GYRO + k] - s[L.TURN_GYRO + k])
         smooth = smooth and second[k] < SMOOTHNESS * usual and usual > (2.0 * e[GYRO_RESOLUTION + k]) ** 2
-    s[L.SMOOTH] = s[L.SMOOTH] + 1.0 if smooth else 0.0
+    runs, turns = False, False
+    for i in range(6):
+        runs = runs or s[L.LAST_DIFFERENCE + i] != 0.0
+        turns = turns or (i < 3 and abs(s[L.IMU + i]) > TURNS)
+    moves = turns or (runs and math.hypot(s[L.GNSS_SPEED], s[L.GNSS_SPEED + 1]) > MOVES)
+    s[L.SMOOTH] = s[L.SMOOTH] + 1.0 if smooth and moves else 0.0
 
 
 @compiled
@@ -309,7 +316,7 @@ def watch_samples(s, e, c, imu, dt):
         s[L.NOISE_GYRO + k] = c[Parameter.GYRO + k] ** 2 + dt * (
             c[Parameter.SAMPLING] * s[L.SCALE_IMU] * unseen + resolution * resolution / 12.0
         )
-    if s[L.SMOOTH] >= MADE_UP_AFTER and s[L.RESTING] == 0.0:
+    if s[L.SMOOTH] >= MADE_UP_AFTER:
         s[L.NOISE_GYRO] += COAST_RATE**2
         s[L.NOISE_ACCEL] += roaming(c)
     return square[0], square[1]
