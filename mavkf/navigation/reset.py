@@ -14,7 +14,15 @@ from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
-from mavkf.navigation.receivers import become_main, claimed, other_in_agreement, set_colour, way_since, white_variance
+from mavkf.navigation.receivers import (
+    become_main,
+    claimed,
+    other_heard,
+    other_in_agreement,
+    set_colour,
+    way_since,
+    white_variance,
+)
 from mavkf.samples import FIX as FIX_TYPE
 from mavkf.samples import HEIGHT_AMSL, SIGMA_HORIZONTAL, VELOCITY_D, VELOCITY_E, VELOCITY_N
 from mavkf.samples import LATITUDE as FIX_LATITUDE
@@ -149,8 +157,8 @@ def refuse_or_reset(s, e, c, out, b, size):
     if wrong:
         patience = min(patience, PATIENCE_WITH_ITSELF)
     else:
-        if told and c[Parameter.MONITORS] != 0.0:
-            # the velocities are fused, and they say that the state is right
+        if told and c[Parameter.MONITORS] != 0.0 and not other_heard(s):
+            # its velocities are fused, and they say that the state is right; nobody else can tell
             patience = c[Parameter.SUSPICION]
         if s[b + L.F_REFUSED_COUNT] >= FIXES_TO_START:
             begin_fault(s, out, NoteCode.GNSS_JUMP, s[b + L.F_REFUSED_SINCE], size, s[b + L.F_REFUSED_COUNT], 0.0)

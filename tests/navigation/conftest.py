@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from mavkf.compiled import link_apart
 from mavkf.navigation.estimator import Offline, run_offline
 
 from ._session import CONFIG, session
 
 settings.register_profile("navigation", deadline=None)
 settings.load_profile("navigation")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def linked() -> None:
+    """Functions that are compiled apart can be called by tests that call what calls them."""
+    link_apart()
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,8 @@ from ._session import CONFIG, RADII, G, motion, position_error, run, session
 Array = np.ndarray
 LIMIT_3 = 21.108  # chi-square of three degrees of freedom at 1e-4, from a table
 
+IMPATIENT = with_settings(CONFIG, ["integrity.suspicion_s=10"])
+
 
 def innovations(output, sensor: Sensor) -> Array:
     return output.innovations[output.innovations[:, L.I_SENSOR] == sensor]
@@ -89,11 +91,11 @@ def test_a_lasting_jump_ends_in_one_reset_with_its_size(rows: Array, jump: float
     moved = rows.copy()
     gnss = (rows[:, KIND] == Kind.GNSS) & (rows[:, TIME] > 120.0)
     moved[gnss, LATITUDE] += jump / RADII[0]
-    _, output = run(moved)
+    _, output = run(moved, config=IMPATIENT)
     resets = notes(output, NoteCode.POSITION_RESET)
     assert resets.shape[0] == 1
     assert resets[0, L.NOTE_SIZE] == pytest.approx(jump, abs=0.1 * jump + 4.0)
-    assert resets[0, L.NOTE_END] - resets[0, L.NOTE_START] == pytest.approx(CONFIG.gates.reset_s, abs=0.3)
+    assert resets[0, L.NOTE_END] - resets[0, L.NOTE_START] == pytest.approx(IMPATIENT.integrity.suspicion_s, abs=0.3)
     refused = innovations(output, Sensor.GNSS_POSITION)
     refused = refused[refused[:, L.I_FUSED] == 0.0]
     assert refused.shape[0] >= resets[0, L.NOTE_A] > 40
@@ -110,10 +112,10 @@ def test_a_lasting_jump_ends_in_one_reset_with_its_size(rows: Array, jump: float
 def test_a_lasting_jump_is_followed_after_the_configured_time(rows: Array) -> None:
     moved = rows.copy()
     moved[(rows[:, KIND] == Kind.GNSS) & (rows[:, TIME] > 120.0), LATITUDE] += 60.0 / RADII[0]
-    resets = notes(run(moved)[1], NoteCode.POSITION_RESET)
+    resets = notes(run(moved, config=IMPATIENT)[1], NoteCode.POSITION_RESET)
     assert resets[0, L.NOTE_START] == pytest.approx(120.0, abs=0.5)
-    assert resets[0, L.NOTE_A] == pytest.approx(5 * CONFIG.gates.reset_s, abs=2)
-    assert resets[0, L.NOTE_END] == pytest.approx(120.0 + CONFIG.gates.reset_s, abs=1.0)
+    assert resets[0, L.NOTE_A] == pytest.approx(5 * IMPATIENT.integrity.suspicion_s, abs=2)
+    assert resets[0, L.NOTE_END] == pytest.approx(120.0 + IMPATIENT.integrity.suspicion_s, abs=1.0)
 
 
 def test_an_outage_is_told_grows_sigma_and_ends(rows: Array) -> None:

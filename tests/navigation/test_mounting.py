@@ -114,7 +114,7 @@ def test_a_reset_takes_the_lever_arm_and_its_uncertainty(rows: Array) -> None:
     moved = session(antenna=ARM)
     moved[(moved[:, KIND] == Kind.GNSS) & (moved[:, TIME] > 120.0), LATITUDE] += 60.0 / RADII[0]
     for more in ([], ["estimate_antenna=true"]):
-        config = with_settings(CONFIG, [f"gnss_antenna_b_m={list(ARM)}", *more])
+        config = with_settings(CONFIG, [f"gnss_antenna_b_m={list(ARM)}", "integrity.suspicion_s=8", *more])
         output = run_offline(moved, config, rate_hz=0.0).output
         reset = output.notes[output.notes[:, L.NOTE_CODE] == NoteCode.POSITION_RESET]
         assert reset.shape[0] == 1

@@ -8,7 +8,7 @@ import pytest
 
 from mavkf.config import Config, settings, with_settings
 from mavkf.navigation.estimator import SessionEstimator, run_offline
-from mavkf.samples import GNSS_YAW, GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, Kind
+from mavkf.samples import GNSS_YAW, GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, VELOCITY_N, Kind
 
 from ._session import RADII, run, session
 
@@ -29,6 +29,9 @@ OTHER: dict[str, Any] = {
     "vehicle.use_class": "false",
     "vehicle.use_motion_yaw": "false",
     "gates.reset_s": 3.0,
+    "integrity.monitors": "false",
+    "integrity.suspicion_s": 1.0,
+    "integrity.risk": 1e-2,
     "gates.gap_s": 1.5,
     "model.telemetry": "false",
     "model.even_hz": 8.0,
@@ -39,7 +42,9 @@ NAMES = [(name, default) for name, default, *_ in settings() if not name.startsw
 
 @cache
 def flight() -> np.ndarray:
-    """Half a minute: a turn at first, a field that comes late, a pause of the IMU, claims missing or too good, a jump."""
+    """Half a minute: a turn at first, a field that comes late, a pause of the IMU, claims missing or too good,
+    a short jump of a receiver that tells its velocity, a lasting one of one that does not.
+    """
     rows = session(duration=28.0)
     t = rows[:, TIME]
     drop = (rows[:, KIND] == Kind.MAGNETOMETER) & (t < 104.0)
@@ -48,7 +53,9 @@ def flight() -> np.ndarray:
     rows[np.ix_(silent, range(SIGMA_HORIZONTAL, SIGMA_SPEED + 1))] = np.nan
     rows[(rows[:, KIND] == Kind.GNSS) & (np.arange(rows.shape[0]) % 8 == 1), SIGMA_HORIZONTAL] = 0.1
     rows[(rows[:, KIND] == Kind.IMU) & (t < 101.5), GYRO] += 0.1
-    rows[(rows[:, KIND] == Kind.GNSS) & (t > 118.0), LATITUDE] += 60.0 / RADII[0]
+    jumps = (rows[:, KIND] == Kind.GNSS) & (((t > 113.0) & (t < 115.5)) | (t > 118.0))
+    rows[jumps, LATITUDE] += 60.0 / RADII[0]
+    rows[(rows[:, KIND] == Kind.GNSS) & (t > 117.0), VELOCITY_N : VELOCITY_N + 3] = np.nan
     rows[(rows[:, KIND] == Kind.GNSS) & (t > 115.0), GNSS_YAW] = 0.4
     return rows[~drop]
 
@@ -65,7 +72,7 @@ def slow_flight() -> np.ndarray:
 
 def outcome(config: Config, rows: np.ndarray) -> bytes:
     result = run_offline(rows, config, rate_hz=1.0)
-    return result.state.tobytes() + result.output.innovations.tobytes()
+    return result.state.tobytes() + result.output.innovations.tobytes() + result.output.poses.tobytes()
 
 
 @cache
