@@ -10,7 +10,8 @@ from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_m
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
-from mavkf.navigation.fusing import forget, note, tell
+from mavkf.navigation.disturbances import begin_fault
+from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 
@@ -62,9 +63,7 @@ def collect(s, e_imu, t, c, out):
     still = calm and abs(force - STANDARD_GRAVITY) < STILL_FORCE
     if calm and s[L.ARMED] != 1.0 and abs(force - STANDARD_GRAVITY) > WRONG_FORCE:
         # which way is down it still shows, but nothing that can be integrated
-        s[L.WANTED] = L.CONSTANT_VELOCITY
-        scale = NoteCode.ACCELEROMETER_SCALE.value
-        tell(out, scale, 0.0, t, s[L.ALIGN_START], np.nan, force, STANDARD_GRAVITY, 0.0)
+        begin_fault(s, out, NoteCode.ACCELEROMETER_SCALE, s[L.ALIGN_START], force, STANDARD_GRAVITY, 0.0)
     x = s[L.X : L.P]
     # f_b = -C_nb' g: roll and pitch of the specific force
     roll = math.atan2(-mean[4], -mean[5])

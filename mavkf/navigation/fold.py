@@ -16,7 +16,7 @@ from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.codes import NoteCode
-from mavkf.navigation.disturbances import watch_imu
+from mavkf.navigation.disturbances import is_on, watch_imu
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.layout import OUT
 from mavkf.navigation.parameter import Parameter
@@ -50,7 +50,8 @@ ARMED_BIT = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 def choose_model(s, e, c, out):
     """The model that is wanted where it can be: attitude, yaw and position known. A vehicle at rest needs no states for its motion."""
     model = s[L.WANTED]
-    if s[L.ALIGNED] == 0.0 or s[L.YAW_KNOWN] == 0.0 or s[L.POSITION_KNOWN] == 0.0:
+    unknown = s[L.ALIGNED] == 0.0 or s[L.YAW_KNOWN] == 0.0 or s[L.POSITION_KNOWN] == 0.0
+    if unknown or is_on(s, NoteCode.ACCELEROMETER_SCALE):
         model = L.CONSTANT_VELOCITY
     elif model == L.TELEMETRY and s[L.RESTING] != 0.0:
         model = L.STRAPDOWN

@@ -114,7 +114,11 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
             # what is refused counts as if it had just been let in
             s[L.LIKELIHOOD] -= 0.5 * (min(nis, limit) + math.log(determinant))
     record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
+    K = np.zeros((P.shape[0], m))
     if reason != Reason.FUSED.value:
+        if reason == Reason.GATE.value and sensor == Sensor.GNSS_VELOCITY.value and math.isfinite(nis):
+            # a filter that an IMU has led astray refuses velocities: they tell what is wrong all the same
+            watch(s, e, sensor, r, H, inverse, K, nis, True)
         return -1.0
     if lasts:
         innovation_covariance(P, H, R_lasting, PHt, S)
@@ -123,7 +127,6 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
-    K = np.empty((P.shape[0], m))
     correct(P, H, R_lasting, PHt, inverse, r, dx, K, considered, int(s[L.CORRECT_FROM]))
     watch(s, e, sensor, r, H, inverse, K, nis, sensor <= Sensor.BAROMETER.value and not lasts)
     retract(s[L.X : L.P], dx)

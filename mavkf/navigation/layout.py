@@ -130,8 +130,9 @@ RECEIVERS = 4  # the book of each, in the order of `GNSS_SOURCES`, and in it:
 F_SCALE_POSITION = 12  # of the white part of the position, horizontal and vertical
 F_FIX = 14  # last fix: latitude, longitude, height, vn, ve
 F_REFUSED = 19  # last refused fix, the same
-F_INNOVATION = 24  # of the last position, horizontal, m
-BOOK = 26
+F_INNOVATION = 24  # of the last position, m
+F_ASTRAY = 27  # sums over refused velocities: how far the positions went where they point, and how far they would have gone, (m/s)^2 s
+BOOK = 29
 BOOKS = STANDBY_T + IMUS
 _class = BOOKS + RECEIVERS * BOOK
 (

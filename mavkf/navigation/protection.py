@@ -19,6 +19,7 @@ from mavkf.models.strapdown import POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.monitors import effect, hypothesis, regress
 from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.receivers import book_of
 
 CLAIM = 1.3
 UNDETECTED = 0.1
@@ -63,4 +64,10 @@ def protection_levels(s, c):
             away = math.hypot(shift[0], shift[1])
             horizontal = max(horizontal, away + k * largest_sigma(M[0, 0], M[0, 1], M[1, 1]))
             vertical = max(vertical, abs(shift[2]) + k * math.sqrt(max(M[2, 2], 0.0)))
+    b = book_of(s[L.MAIN])
+    if math.isfinite(s[L.SUSPECT_POSITION]) or s[b + L.F_REFUSED_COUNT] > 0.0:
+        # a receiver that is not believed may be right all the same
+        other = math.hypot(s[b + L.F_INNOVATION], s[b + L.F_INNOVATION + 1])
+        horizontal = max(horizontal, other + k * largest_sigma(P[POS, POS], P[POS, POS + 1], P[POS + 1, POS + 1]))
+        vertical = max(vertical, abs(s[b + L.F_INNOVATION + 2]) + k * math.sqrt(P[POS + 2, POS + 2]))
     return horizontal + s[L.DOUBT], vertical + s[L.DOUBT]

@@ -135,6 +135,15 @@ def doubt_attitude(s):
 
 
 @compiled
+def acquit_position(s, e, c, out, b):
+    """If the main receiver's positions are suspected, believe them again at this fix: something else was found to be wrong. b: its book."""
+    if math.isfinite(s[L.SUSPECT_POSITION]):
+        s[b + L.F_REFUSED_SINCE] = s[L.SUSPECT_POSITION]
+        reset_position(s, e, c, out, b, False)
+        s[L.DOUBT] = 0.0
+
+
+@compiled
 def refuse_or_reset(s, e, c, out, b, size):
     """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them.
 

@@ -12,6 +12,7 @@ from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.strapdown import BA, BG, DBA, DBG
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.disturbances import end_fault
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import ACCEL, SOURCE, TIME
@@ -91,6 +92,7 @@ def imu_in_use(s, e, c, out):
     s[L.STANDBY_T + k] = t
     if s[L.STANDBY + k] < CONFIRMATIONS or not period > 1e-6:
         return False
+    end_fault(s, out, NoteCode.ACCELEROMETER_SCALE)
     note(out, NoteCode.IMU_CHANGED, s[L.T_IMU], t, silence, s[L.IMU_SOURCE], e[SOURCE])
     s[L.IMU_SOURCE] = e[SOURCE]
     s[L.PERIOD] = period

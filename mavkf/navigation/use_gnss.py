@@ -112,7 +112,7 @@ def use_gnss(s, e, c, out):
         fuse_velocity(s, e, c, out, b)
         use_bank(s, e, c, out, b)
         if s[L.MONITORED] != 0.0:
-            judge_faults(s, out)
+            judge_faults(s, e, c, out, b)
         fade_doubt(s, e[TIME] - s[b + L.F_T_BEFORE])
     elif same_fix(s, e):
         s[L.DUPLICATES] += 1.0
@@ -225,7 +225,8 @@ def fuse_position(s, e, c, out, b):
         S[i] = R[i, i] + P[POS + i, POS + i] + P[DGNSS + i, DGNSS + i] + 2.0 * P[POS + i, DGNSS + i]
     if not (math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])):
         weigh_surprise(P, H, R, r, c[Parameter.LIMIT_3])
-    s[b + L.F_INNOVATION], s[b + L.F_INNOVATION + 1] = r[0], r[1]
+    for i in range(3):
+        s[b + L.F_INNOVATION + i] = r[i]
     if math.isfinite(s[L.SUSPECT_POSITION]):
         if not agreement(s, surprise(P, H, R, r), 3):
             fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.SUSPECTED)

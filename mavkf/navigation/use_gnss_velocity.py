@@ -16,22 +16,32 @@ from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn
 from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import claimed, lasting
-from mavkf.navigation.reset import FIXES_TO_START, PATIENCE_WITH_ITSELF, doubt_attitude
+from mavkf.navigation.reset import FIXES_TO_START, PATIENCE_WITH_ITSELF, acquit_position, doubt_attitude
 from mavkf.navigation.suspicion import absolve_velocity, agreement, out_of_patience, surprise
 from mavkf.samples import SIGMA_SPEED, SOURCE, TIME, VELOCITY_D, VELOCITY_E, VELOCITY_N
 
 ACCELERATION_LASTS = 1.0  # s
+ASTRAY = 0.12  # share of the way that a filter which fuses the positions shows of its own error
+PATIENCE_WITH_VELOCITY = 4.0  # s of velocities refused that the positions contradict
 
 
 @compiled
-def position_contradicts(s, b, size):
-    """Whether the receiver's positions go on agreeing with the state while its velocities are refused by size (m/s). b: its book.
+def follow_astray(s, b, r):
+    """After a velocity was refused by r (m/s), of which horizontally two: keep account of whether the positions go where it points.
 
-    Had the filter lost the velocity, the positions would by now be off by as much as it has gone astray.
+    Had the filter lost the velocity, the positions would by now be off by r times the time; a filter that fuses them lags behind that.
+    b: the receiver's book.
     """
-    astray = 0.5 * size * (s[L.T] - s[b + L.F_T_VELOCITY])
-    fused = s[b + L.F_REFUSED_COUNT] == 0.0 and s[b + L.F_T_POSITION] == s[L.T]
-    return fused and math.hypot(s[b + L.F_INNOVATION], s[b + L.F_INNOVATION + 1]) < 0.5 * astray
+    since = s[L.T] - s[b + L.F_T_VELOCITY]
+    for i in range(2):
+        s[b + L.F_ASTRAY] += r[i] * s[b + L.F_INNOVATION + i]
+        s[b + L.F_ASTRAY + 1] += r[i] * r[i] * since
+
+
+@compiled
+def position_contradicts(s, b):
+    """Whether the receiver's positions do not go where its refused velocities point. b: its book."""
+    return s[b + L.F_ASTRAY] < ASTRAY * s[b + L.F_ASTRAY + 1]
 
 
 @compiled
@@ -88,6 +98,7 @@ def fuse_velocity(s, e, c, out, b):
         s[b + L.F_T_VELOCITY] = s[L.T]
         s[b + L.F_SCALE_VELOCITY] = learn(s[b + L.F_SCALE_VELOCITY], nis, m, share, LEAST_SCALE)
         s[b + L.F_VELOCITY_REFUSED] = 0.0
+        s[b + L.F_ASTRAY], s[b + L.F_ASTRAY + 1] = 0.0, 0.0
         if main and s[L.MODEL] != L.CONSTANT_VELOCITY:
             learn_walk(s, r, variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
             s[L.SCALE_IMU] = learn(s[L.SCALE_IMU], nis, m, 1.0 - share, LEAST_IMU_SCALE)
@@ -96,11 +107,14 @@ def fuse_velocity(s, e, c, out, b):
     if not main:
         return
     size = math.sqrt(r[0] * r[0] + r[1] * r[1])
+    follow_astray(s, b, r)
     long = s[L.T] - s[b + L.F_T_VELOCITY] >= PATIENCE_WITH_ITSELF and s[b + L.F_VELOCITY_REFUSED] >= FIXES_TO_START
     if suspected:
         long = out_of_patience(s, c, s[L.SUSPECT_VELOCITY])
-    elif long and position_contradicts(s, b, size):
+    elif long and c[Parameter.MONITORS] != 0.0 and position_contradicts(s, b):
         # the fixes' own way does not go where their velocity points
+        if s[L.T] - s[b + L.F_T_VELOCITY] < PATIENCE_WITH_VELOCITY:
+            return
         s[L.SUSPECT_VELOCITY] = s[b + L.F_T_VELOCITY]
         s[L.AGREES_SINCE] = np.nan
         begin_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG, s[b + L.F_T_VELOCITY], size, 0.0, nis)
@@ -110,6 +124,7 @@ def fuse_velocity(s, e, c, out, b):
         s[L.SUSPECT_VELOCITY] = np.nan
         end_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG)
         stop_monitors(s)
+        acquit_position(s, e, c, out, b)
         for i in range(m):
             x[V + i] += r[i]
             forget(s, VEL + i, 1, R[i, i] + 1.0)

@@ -9,7 +9,7 @@ from mavkf.filters.joseph import invert
 from mavkf.models.strapdown import DBA, DBG, DGNSS, retract
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
-from mavkf.navigation.disturbances import begin_fault
+from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import tell
 from mavkf.navigation.monitors import (
     GYRO,
@@ -21,11 +21,12 @@ from mavkf.navigation.monitors import (
     regress,
     stop_monitors,
 )
+from mavkf.navigation.reset import acquit_position, reset_position
 
 # By kind: twice the log likelihood ratio at which a fault is believed, and the least size that is worth a name. Chi-square with three
 # degrees of freedom exceeds 30 once in 700,000 trials; the IMU's kinds need more, because what is not modelled (scale, vibration, the
 # lag of a turn) looks like a bias for a while. m/s, m/s, rad/s, m/s^2.
-VERDICTS = np.array([30.0, 40.0, 50.0, 80.0])
+VERDICTS = np.array([30.0, 30.0, 50.0, 80.0])
 LEAST = np.array([0.1, 0.4, math.radians(0.1), 0.05])
 LEAST_AGE = 1.0  # s of evidence
 
@@ -75,8 +76,8 @@ def horizontal_ratio(size, covariance):
 
 
 @compiled
-def judge_faults(s, out):
-    """After a fix of the main receiver: if a fault is likely enough, name it, take its effect out and distrust what has it."""
+def judge_faults(s, e, c, out, b):
+    """After a fix of the main receiver: if a fault is likely enough, name it, take its effect out and distrust what has it. b: its book."""
     size, covariance = np.empty(3), np.empty((3, 3))
     best, which = 0.0, -1
     for h in range(L.HYPOTHESES):
@@ -92,6 +93,12 @@ def judge_faults(s, out):
     if length < LEAST[kind]:
         return
     since = s[hypothesis(which)]
+    if (kind == RAMP and math.isfinite(s[L.SUSPECT_VELOCITY])) or (
+        kind == VELOCITY and math.isfinite(s[L.SUSPECT_POSITION])
+    ):
+        # one receiver against one filter, in everything: it is the filter that has lost its way
+        doubt_all(s, e, c, out, b)
+        return
     if kind == RAMP:
         across = math.hypot(size[0], size[1])
         if horizontal_ratio(size, covariance) > 0.5 * VERDICTS[RAMP] and across > LEAST[RAMP]:
@@ -120,6 +127,17 @@ def judge_faults(s, out):
         code = NoteCode.GYRO_STEP.value if kind == GYRO else NoteCode.ACCELEROMETER_STEP.value
         tell(out, code, 0.0, s[L.T], since, s[L.T], length, 0.0, best)
     stop_monitors(s)
+    if kind != RAMP:
+        acquit_position(s, e, c, out, b)
+
+
+@compiled
+def doubt_all(s, e, c, out, b):
+    """Take position and velocity from the main receiver's fix, and doubt the attitude. b: its book."""
+    s[b + L.F_REFUSED_SINCE] = min(s[L.SUSPECT_POSITION], s[L.T]) if math.isfinite(s[L.SUSPECT_POSITION]) else s[L.T]
+    reset_position(s, e, c, out, b, True)
+    s[L.SUSPECT_VELOCITY] = np.nan
+    end_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG)
 
 
 @compiled

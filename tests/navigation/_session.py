@@ -92,6 +92,7 @@ def session(
     yaw0: float = 0.4,
     rate: float = 100.0,
     antenna: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    noise: float = 1.0,
 ) -> Array:
     """Rows of all sensors in the order of arrival. The fix is stamped 0.2 s after it was measured, at the antenna (m from the IMU in b)."""
     random = np.random.default_rng(seed)
@@ -102,9 +103,11 @@ def session(
     imu = rows_of(Kind.IMU, Source.HIGHRES_IMU, t, random.uniform(0.0, 0.01, t.size))
     yaw = np.unwrap(np.arctan2(m.C_nb[:, 1, 0], m.C_nb[:, 0, 0]))
     force_n = np.gradient(m.v, 1.0 / rate, axis=0) - [0.0, 0.0, G]
-    imu[:, GYRO : GYRO + 3] = [0.004, -0.003, 0.002] + 5e-4 * random.normal(size=(t.size, 3))
+    imu[:, GYRO : GYRO + 3] = [0.004, -0.003, 0.002] + noise * 5e-4 * random.normal(size=(t.size, 3))
     imu[:, GYRO + 2] += np.gradient(yaw, 1.0 / rate)
-    imu[:, ACCEL : ACCEL + 3] = np.einsum("nji,nj->ni", m.C_nb, force_n) + 0.03 * random.normal(size=(t.size, 3))
+    imu[:, ACCEL : ACCEL + 3] = np.einsum("nji,nj->ni", m.C_nb, force_n) + noise * 0.03 * random.normal(
+        size=(t.size, 3)
+    )
     imu[:, GYRO_RESOLUTION], imu[:, ACCEL_RESOLUTION] = 0.0, 0.0
     parts.append(imu)
 
@@ -114,23 +117,23 @@ def session(
     arm = m.C_nb @ antenna
     swing = (ahead.C_nb @ antenna - arm) / 0.01
     gnss = rows_of(Kind.GNSS, Source.GPS_RAW_INT, t, random.uniform(0.0, 0.3, t.size), 0.2)
-    p = m.p + arm + random.normal(size=m.p.shape) * [0.8, 0.8, 1.2]
+    p = m.p + arm + noise * random.normal(size=m.p.shape) * [0.8, 0.8, 1.2]
     gnss[:, FIX] = 3
     gnss[:, LATITUDE] = ORIGIN[0] + p[:, 0] / RADII[0]
     gnss[:, LONGITUDE] = ORIGIN[1] + p[:, 1] / RADII[1] / np.cos(ORIGIN[0])
     gnss[:, HEIGHT_AMSL] = ORIGIN[2] - p[:, 2]
-    gnss[:, VELOCITY_N : VELOCITY_N + 3] = m.v + swing + 0.15 * random.normal(size=m.v.shape)
+    gnss[:, VELOCITY_N : VELOCITY_N + 3] = m.v + swing + noise * 0.15 * random.normal(size=m.v.shape)
     gnss[:, SIGMA_HORIZONTAL], gnss[:, SIGMA_VERTICAL], gnss[:, SIGMA_SPEED] = 0.8, 1.2, 0.15
     parts.append(gnss)
 
     t = 100.004 + np.arange(0.1, duration - 0.1, 0.1)
     m = motion(t - 100.0, yaw0)
     magnetometer = rows_of(Kind.MAGNETOMETER, Source.HIGHRES_IMU, t, random.uniform(0.0, 0.02, t.size), 0.02)
-    field = np.einsum("nji,j->ni", m.C_nb, FIELD_N) + 2e-7 * random.normal(size=(t.size, 3))
+    field = np.einsum("nji,j->ni", m.C_nb, FIELD_N) + noise * 2e-7 * random.normal(size=(t.size, 3))
     magnetometer[:, FIELD : FIELD + 3] = field
     parts.append(magnetometer)
     barometer = rows_of(Kind.BAROMETER, Source.SCALED_PRESSURE, t, random.uniform(0.0, 0.02, t.size), 0.03)
-    height = ORIGIN[2] + 25.0 - m.p[:, 2] + 0.2 * random.normal(size=t.size)
+    height = ORIGIN[2] + 25.0 - m.p[:, 2] + noise * 0.2 * random.normal(size=t.size)
     barometer[:, PRESSURE] = 101325.0 * (1.0 - height / 44330.769) ** (1.0 / 0.190263)
     parts.append(barometer)
 

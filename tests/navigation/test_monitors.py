@@ -52,8 +52,8 @@ UNIT = {RAMP: 0.004, VELOCITY: 0.01, GYRO: np.radians(0.002), ACCELEROMETER: 0.0
 
 @pytest.mark.parametrize("kind", SMALL, ids=["ramp", "velocity", "gyro", "accelerometer"])
 def test_the_effect_of_a_fault_is_the_difference_to_the_same_flight_without_it(kind: int) -> None:
-    """The whole filter is the finite difference. What is learnt from the innovations is left out of the effects, and hardly changes."""
-    rows = flight(48.0)
+    """The whole filter is the finite difference: on a flight almost without noise, so that nothing is learnt from the innovations."""
+    rows = session(48.0, noise=1e-3)
     clean = run_offline(rows, CONFIG)
     ages = [clean.state[L.T] - clean.state[hypothesis(h)] if KIND[h] == kind else 0.0 for h in range(L.HYPOTHESES)]
     h = int(np.argmax(ages))
@@ -66,15 +66,14 @@ def test_the_effect_of_a_fault_is_the_difference_to_the_same_flight_without_it(k
     name, options = SMALL[kind].split(":")
     with_fault = run_offline(apply_faults(rows, [parse_fault(f"{name}:at={at},{options}")]), CONFIG)
     n = int(clean.state[L.STATES])
-    shift = np.empty(n)
     a, b = clean.state, with_fault.state
     np.testing.assert_allclose(a[L.P : L.P + n * n], b[L.P : L.P + n * n], rtol=0.05, atol=1e-4)
-    shift[3:6] = (b - a)[4:7]
+    shift = (b - a)[4:6]
     expected = effect(clean.state, h)[:, 0] * UNIT[kind]
     assert np.abs(expected[3:5]).max() > 1e-6
-    np.testing.assert_allclose(shift[3:5], expected[3:5], rtol=0.1, atol=0.05 * np.abs(expected[3:5]).max())
+    np.testing.assert_allclose(shift, expected[3:5], rtol=0.05, atol=0.05 * np.abs(expected[3:5]).max())
     moved = [(b[7] - a[7]) * 6_372_000.0, (b[8] - a[8]) * 6_389_800.0 * np.cos(np.radians(47.0))]
-    np.testing.assert_allclose(moved, expected[6:8], rtol=0.1, atol=0.05 * np.abs(expected[6:8]).max())
+    assert np.linalg.norm(moved - expected[6:8]) < 0.05 * np.linalg.norm(expected[6:8])
 
 
 def test_without_a_fault_the_ratios_are_those_of_chance() -> None:
@@ -200,7 +199,7 @@ KINDS = (
     "accelerometer-step:at={at},for={for_},size={small},towards=x",
     "imu-gap:at={at},for=2",
 )
-CALM = 30.0  # s
+CALM = 70.0  # s: patience with a receiver that nobody can judge, and ten more
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -208,7 +207,7 @@ def test_nothing_healthy_is_locked_out_for_good(seed: int) -> None:
     """Random faults one after another: each time the sensors have been right again for a while, so is the pose, within its sigma."""
     random = np.random.default_rng(seed)
     faults, calm, at = [], [], 125.0
-    while at < 380.0:
+    while at < 640.0:
         lasts = float(random.uniform(5.0, 25.0))
         kind = KINDS[random.integers(len(KINDS))]
         sizes = {"big": random.uniform(5.0, 60.0), "small": random.uniform(0.5, 3.0), "way": random.uniform(0.0, 360.0)}
