@@ -67,7 +67,8 @@ def do(job: Job) -> Done:
 def as_values(job: Job, done: Done) -> dict[str, Any]:
     """A run as JSON has it."""
     scores = {name: asdict(each) | {"never": each.recovery == math.inf} for name, each in done.scores.items()}
-    return {"kind": job.kind, "number": job.number, "flight": done.flight, "fault": str(done.fault)} | scores
+    head = {"kind": job.kind, "number": job.number, "flight": done.flight, "fault": str(done.fault)}
+    return head | {"size": done.fault.size} | scores
 
 
 def summary(scores: Iterable[dict[str, Any]]) -> dict[str, Any]:
@@ -83,5 +84,6 @@ def summary(scores: Iterable[dict[str, Any]]) -> dict[str, Any]:
         "before": middle(each["before"] for each in found),
         "after": middle(each["after"] for each in found),
         "recovery_s": middle(each["recovery"] for each in found),
+        "early": sum(each["early"] for each in found) / count,
         "never": sum(each["never"] for each in found),
     }

@@ -14,6 +14,7 @@ from mavkf.replay.truth import SIGMAS, Truth, errors
 
 LEAD = 0.5  # s: a fix is fused at the time of its measurement, which is that much or less before its stamp
 WITHIN, STAYS = 3.0, 5.0  # claimed sigmas, s: an error that stays within them for so long has recovered
+AHEAD = 20.0  # s
 NOTHING = math.nan
 
 
@@ -25,6 +26,7 @@ class Score:
     named:    s from the fault's begin to the first sign that names it right.
     before:   the largest error until `told`, or until the fault ends.
     after:    the largest error from `told` until the fault ends.
+    early:    whether there was a sign in the AHEAD seconds before the fault, when nothing was wrong.
     recovery: s from the fault's end until the error is within WITHIN sigma for STAYS seconds; infinite: not while the run lasted.
     """
 
@@ -33,6 +35,7 @@ class Score:
     before: float
     after: float
     recovery: float
+    early: bool
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,8 @@ def score(run: Track, begin: float, end: float, signs: Sequence[Sign], right: Se
     split = begin + told if math.isfinite(told) else end
     early = (run.t >= begin) & (run.t < split)
     late = (run.t >= split) & (run.t < end)
-    return Score(told, named, _largest(run.error[early]), _largest(run.error[late]), _recovery(run, end))
+    sooner = any(begin - LEAD - AHEAD <= sign.t < begin - LEAD for sign in signs)
+    return Score(told, named, _largest(run.error[early]), _largest(run.error[late]), _recovery(run, end), sooner)
 
 
 def _first(signs: Sequence[Sign], begin: float) -> float:

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from benchmarks.integrity.detection import place_in_range
 from benchmarks.integrity.drawing import ACCELERATIONS, AROUND, AXES, CHOICES, KINDS, SPOOF, draw_fault, seeded
 from benchmarks.integrity.flights import HAPPENINGS, first_told
 from benchmarks.integrity.flown import POOL, RECORDED, member
@@ -95,7 +96,7 @@ def test_a_known_detection_is_scored() -> None:
     signs = [Sign(50.0, "gnss_jump"), Sign(112.0, "gnss_outage"), Sign(117.0, "gnss_drift"), Sign(131.0, "gnss_jump")]
     found = score(made_up(), 105.0, 130.0, signs, ("gnss_jump", "gnss_drift"))
     assert found.told == pytest.approx(7.0) and found.named == pytest.approx(12.0)
-    assert (found.before, found.after) == (9.0, 9.0)
+    assert (found.before, found.after, found.early) == (9.0, 9.0, False)
     assert found.recovery == pytest.approx(2.95, abs=0.06)  # the last error outside three sigma is at 132.9 s
     late = score(made_up(), 105.0, 130.0, signs[2:], ("gnss_frozen",))
     assert late.told == pytest.approx(12.0) and math.isnan(late.named)
@@ -105,7 +106,7 @@ def test_a_known_detection_is_scored() -> None:
 def test_nothing_told_is_scored_as_all_before() -> None:
     found = score(made_up(), 105.0, 130.0, [Sign(104.0, "gnss_jump"), Sign(130.5, "gnss_jump")], ("gnss_jump",))
     assert math.isnan(found.told) and math.isnan(found.named) and math.isnan(found.after)
-    assert found.before == 9.0
+    assert found.before == 9.0 and found.early
 
 
 def test_a_fix_is_fused_before_its_stamp() -> None:
@@ -123,12 +124,19 @@ def test_an_error_that_stays_outside_or_unknown_never_recovers() -> None:
 
 
 def test_many_scores_add_up() -> None:
-    never = Score(math.nan, math.nan, 30.0, math.nan, math.inf)
-    scores = [Score(1.0, 2.0, 3.0, 4.0, 0.0), Score(3.0, math.nan, 5.0, 6.0, 8.0), never, never]
+    never = Score(math.nan, math.nan, 30.0, math.nan, math.inf, True)
+    scores = [Score(1.0, 2.0, 3.0, 4.0, 0.0, False), Score(3.0, math.nan, 5.0, 6.0, 8.0, False), never, never]
     found = summary(vars(each) | {"never": each.recovery == math.inf} for each in scores)
     assert (found["named"], found["told"], found["never"]) == (0.25, 0.5, 2)
+    assert found["early"] == 0.5
     assert found["told_s"] == (2.0, pytest.approx(2.8))
     assert found["before"][0] == 17.5 and found["after"][0] == 5.0 and found["recovery_s"][0] == 4.0
+
+
+def test_sizes_are_sorted_into_their_ranges() -> None:
+    step, scale = KINDS["gnss-step"], KINDS["gyro-scale"]
+    assert [place_in_range(step, size) for size in (3.0, math.sqrt(300.0), 100.0)] == pytest.approx([0.0, 0.5, 1.0])
+    assert [place_in_range(scale, size) for size in (0.7, 1.0, 1.15)] == pytest.approx([1.0, 0.0, 0.5])
 
 
 def test_an_outage_that_lasts_when_the_loss_begins_tells_it() -> None:
