@@ -110,18 +110,20 @@ def largest(error: Array, level: Array) -> float:
 
 
 def in_recorded(job: tuple[Path, Recording, Config]) -> dict[str, Any]:
-    """The largest shares of errors of their levels in a recorded flight as live, and the median of level over sigma."""
+    """The largest shares of errors of their levels in a recorded flight as live, also without its end, and level over sigma (median)."""
     folder, flight, config = job
     rows = read_rows(folder / f"{flight.log}.tlog", config, flight.vehicle)
     truth = read_truth(folder / f"{flight.truth or flight.log}.truth.csv")
     found = levels(estimate(rows, config).output.poses, truth)
-    result: dict[str, Any] = {"flight": flight.name}
+    scored = found["time"] <= flight.end
+    result: dict[str, Any] = {"flight": flight.name, "end": flight.end}
     for name in LEVELS:
         error, level = found[f"{name}_error"], found[f"{name}_level"]
         beyond = found["time"][error > level]
         ratio = level / found[f"{name}_sigma"]
         result[name] = {
             "largest_share": largest(error, level),
+            "without_end": largest(error[scored], level[scored]),
             "ratio": float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else math.nan,
             "above": [float(beyond[0]), float(beyond[-1])] if beyond.size else [],
         }
@@ -158,18 +160,30 @@ def run(settings: Settings) -> dict[str, Any]:
         row(one["flight"], one["which"], f"{one['t']:.1f}", f"{one['error']:.2f}", f"{one['level']:.2f}", last)
     logs = [(settings.folder, flight, settings.config) for flight in FLIGHTS]
     recorded = spread(settings, in_recorded, logs, "recorded flights")
-    head(
-        f"protection: recorded flights from {BEGIN:g} s",
-        (
-            "flight",
-            *(f"{name}: largest error / level" for name in LEVELS),
-            *(f"{name}: level / sigma" for name in LEVELS),
-        ),
-    )
-    for flown in recorded:
-        shares = [cell(flown[name]["largest_share"], 1.0, digits=2) for name in LEVELS]
-        row(flown["flight"], *shares, *(cell(flown[name]["ratio"], digits=2) for name in LEVELS))
+    _print_recorded(recorded)
     return {"summary": summary, "exceeded": exceeded, "flights": flights, "recorded": recorded}
+
+
+def _print_recorded(flights: list[dict[str, Any]]) -> None:
+    """The table of the recorded flights; of those that end with shocks also what comes before them."""
+    head(
+        f"protection: recorded flights from {BEGIN:g} s, largest error / level (from and to when it is above)",
+        ("flight", *LEVELS, "without its end", *LEVELS, *(f"{name}: level / sigma" for name in LEVELS)),
+    )
+    for flight in flights:
+        found = [flight[name] for name in LEVELS]
+        ends = math.isfinite(flight["end"])
+        row(
+            flight["flight"],
+            *(cell(each["largest_share"], 1.0, digits=2) + _span(each["above"]) for each in found),
+            f"to {flight['end']:g} s" if ends else "",
+            *(cell(each["without_end"], 1.0, digits=2) if ends else "" for each in found),
+            *(cell(each["ratio"], digits=2) for each in found),
+        )
+
+
+def _span(times: list[float]) -> str:
+    return f", {times[0]:.0f} to {times[1]:.0f} s" if times else ""
 
 
 def _pooled(flights: list[dict[str, Any]], name: str) -> dict[str, Any]:
