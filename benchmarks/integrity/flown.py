@@ -78,10 +78,10 @@ def pool_of(settings: Settings, runs: int) -> Path:
     folder = settings.work / "pool"
     folder.mkdir(exist_ok=True)
     needed = sorted({member(settings.first + run) for run in range(runs)})
-    jobs = [(number, settings) for number in needed if not (folder / f"{number}.npy").exists()]
-    without = [(number, folder, settings.folder, settings.config) for number, _ in jobs]
-    if without:
-        spread(settings, _keep, without, "flights made ready")
+    missing = [number for number in needed if not (folder / f"{number}.npy").exists()]
+    if missing:
+        jobs = [(number, folder, settings.folder, settings.config) for number in missing]
+        spread(settings, _keep, jobs, "flights made ready")
     return folder
 
 
