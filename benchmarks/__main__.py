@@ -1,9 +1,9 @@
-"""`python -m benchmarks NAME`: accuracy, reading. Tables on stdout; `--json FILE` writes the numbers too."""
+"""`python -m benchmarks NAME`: accuracy, integrity, reading. Tables on stdout; `--json FILE` writes the numbers too."""
 
 import importlib
 import sys
 
-NAMES = ("accuracy", "reading")
+NAMES = ("accuracy", "integrity", "reading")
 
 
 def main() -> int:

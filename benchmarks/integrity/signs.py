@@ -1,0 +1,61 @@
+"""What an estimate said was wrong, and when: the events of the monitors, or the refusals of a plain gate."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+
+import numpy as np
+
+from mavkf.navigation import layout as L
+from mavkf.navigation.estimator import Output
+from mavkf.navigation.layout import Reason
+from mavkf.navigation.records import SENSOR_NAMES, RecordWriter
+
+OUTAGE = "gnss_outage"
+SENSORS = ("gnss_position", "gnss_velocity", "magnetometer", "barometer")  # whose refusal is a sign
+CODES = "mavkf.navigation.codes"
+FAULTS: tuple[str, ...] = (
+    tuple(code.name.lower() for code in import_module(CODES).FAULT_CODES) if find_spec(CODES) is not None else ()
+)
+"""Kinds of events that say that a sensor is at fault."""
+
+
+@dataclass(frozen=True)
+class Sign:
+    """What was told at a time t (s of boot time): its kind, the size and the sentence of its event, if it is one."""
+
+    t: float
+    kind: str
+    size: float | None = None
+    text: str = ""
+
+
+def fault_events(output: Output) -> list[Sign]:
+    """The begins of faults that an estimate told, in order."""
+    return [sign for sign in events_of(output) if sign.kind in FAULTS]
+
+
+def told(output: Output) -> list[Sign]:
+    """The begins of faults and of outages that an estimate told, in order."""
+    return [sign for sign in events_of(output) if sign.kind in FAULTS or sign.kind == OUTAGE]
+
+
+def refused(output: Output) -> list[Sign]:
+    """The refusals of a gate by sensor, and the begins of outages: all that a filter without monitors has."""
+    rows = output.innovations
+    wrong = np.isin(rows[:, L.I_REASON], (Reason.GATE, Reason.DISTURBED)) & (rows[:, L.I_FUSED] == 0.0)
+    named = [(float(row[L.I_TIME]), SENSOR_NAMES[int(row[L.I_SENSOR])]) for row in rows[wrong]]
+    signs = [Sign(t, kind) for t, kind in named if kind in SENSORS]
+    signs += [sign for sign in events_of(output) if sign.kind == OUTAGE]
+    return sorted(signs, key=lambda sign: sign.t)
+
+
+def events_of(output: Output) -> list[Sign]:
+    """All events but the ends of faults, which were told when they began."""
+    writer = RecordWriter("vehicle")
+    events = [writer.event(note, 0) for note in output.notes]
+    return [
+        Sign(event.t_boot_s, event.kind, event.size, event.text)
+        for event in events
+        if event.t_boot_s is not None and (event.t_end_s is None or event.kind not in FAULTS)
+    ]
