@@ -16,7 +16,7 @@ from mavkf.config import Config, with_settings
 Array = NDArray[np.float64]
 Job = TypeVar("Job")
 Done = TypeVar("Done")
-PLAIN = ("gates.false_rejection=5.7e-7", "gates.reset_s=600.0")
+PLAIN = ("integrity.monitors=false", "gates.false_rejection=5.7e-7", "gates.reset_s=600.0")
 """Settings of a plain gate at 5 sigma: what is refused, and nothing that doubts a refusal."""
 
 
@@ -44,8 +44,7 @@ class Settings:
 
 def plain_gate(config: Config) -> Config:
     """The same filter without its monitors, with a plain gate at 5 sigma."""
-    monitors = ("integrity.monitors=false",) if hasattr(config, "integrity") else ()
-    return with_settings(config, [*monitors, *PLAIN])
+    return with_settings(config, PLAIN)
 
 
 def say(text: str) -> None:

@@ -53,7 +53,7 @@ def levels(poses: Array, truth: Truth) -> dict[str, Array]:
     result = {"time": pose["time_boot_s"]}
     for name, (error, level) in LEVELS.items():
         result[f"{name}_error"] = np.abs(found[error])
-        result[f"{name}_level"] = pose.get(level, np.full_like(result["time"], np.nan))
+        result[f"{name}_level"] = pose[level]
     result["horizontal_sigma"] = np.hypot(pose["sigma_n_m"], pose["sigma_e_m"])
     result["vertical_sigma"] = pose["sigma_d_m"]
     return result

@@ -1,22 +1,18 @@
 """What an estimate said was wrong, and when: the events of the monitors, or the refusals of a plain gate."""
 
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import FAULT_CODES
 from mavkf.navigation.estimator import Output
 from mavkf.navigation.layout import Reason
 from mavkf.navigation.records import SENSOR_NAMES, RecordWriter
 
 OUTAGE = "gnss_outage"
 SENSORS = ("gnss_position", "gnss_velocity", "magnetometer", "barometer")  # whose refusal is a sign
-CODES = "mavkf.navigation.codes"
-FAULTS: tuple[str, ...] = (
-    tuple(code.name.lower() for code in import_module(CODES).FAULT_CODES) if find_spec(CODES) is not None else ()
-)
+FAULTS = tuple(code.name.lower() for code in FAULT_CODES)
 """Kinds of events that say that a sensor is at fault."""
 
 

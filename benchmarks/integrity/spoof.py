@@ -39,7 +39,7 @@ def measure(job: Job) -> dict[str, Any]:
         track, told = done.tracks[name], done.scores[name].told
         during = (track.t >= done.fault.at) & (track.t < done.fault.end)
         pose = columns(done.outputs[name].poses)
-        level = np.interp(track.t, pose["time_boot_s"], pose.get("pl_h_m", np.full_like(pose["time_boot_s"], np.nan)))
+        level = np.interp(track.t, pose["time_boot_s"], pose["pl_h_m"])
         error = track.error[during]
         values[name] |= {
             "at_notice": float(np.interp(done.fault.at + told, track.t, track.error)),
