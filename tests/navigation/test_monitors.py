@@ -9,7 +9,17 @@ from mavkf.config import with_settings
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import FAULT_CODES, NoteCode, Reason, Sensor
 from mavkf.navigation.estimator import Offline, run_offline
-from mavkf.navigation.monitors import ACCELEROMETER, GYRO, KIND, RAMP, VELOCITY, effect, hypothesis, regress
+from mavkf.navigation.monitors import (
+    ACCELEROMETER,
+    GYRO,
+    KIND,
+    RAMP,
+    VELOCITY,
+    carry_effects,
+    effect,
+    hypothesis,
+    regress,
+)
 from mavkf.navigation.records import RecordWriter
 from mavkf.replay.faults import apply_faults, parse_fault
 from mavkf.samples import ACCEL, TIME, Kind
@@ -65,6 +75,7 @@ def test_the_effect_of_a_fault_is_the_difference_to_the_same_flight_without_it(k
         at = since + DELAY
     name, options = SMALL[kind].split(":")
     with_fault = run_offline(apply_faults(rows, [parse_fault(f"{name}:at={at},{options}")]), CONFIG)
+    carry_effects(clean.state)  # they stand at the last measurement
     n = int(clean.state[L.STATES])
     a, b = clean.state, with_fault.state
     np.testing.assert_allclose(a[L.P : L.P + n * n], b[L.P : L.P + n * n], rtol=0.05, atol=1e-4)
