@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavkf.navigation import layout as L
-from mavkf.navigation.codes import FAULT_CODES
+from mavkf.navigation.codes import FAULT_CODES, Reason
 from mavkf.navigation.estimator import Output
-from mavkf.navigation.layout import Reason
 from mavkf.navigation.records import SENSOR_NAMES, RecordWriter
 
 OUTAGE = "gnss_outage"
