@@ -46,11 +46,15 @@ def refused(output: Output) -> list[Sign]:
 
 
 def events_of(output: Output) -> list[Sign]:
-    """All events but the ends of faults, which were told when they began."""
+    """All events but the ends of faults that were told when they began: a step of a bias is told once, as it is corrected."""
     writer = RecordWriter("vehicle")
-    events = [writer.event(note, 0) for note in output.notes]
-    return [
-        Sign(event.t_boot_s, event.kind, event.size, event.text)
-        for event in events
-        if event.t_boot_s is not None and (event.t_end_s is None or event.kind not in FAULTS)
-    ]
+    signs, lasting = [], set()
+    for event in (writer.event(note, 0) for note in output.notes):
+        if event.t_end_s is None:
+            lasting.add(event.kind)
+        elif event.kind in lasting:
+            lasting.remove(event.kind)
+            continue
+        if event.t_boot_s is not None:
+            signs.append(Sign(event.t_boot_s, event.kind, event.size, event.text))
+    return signs

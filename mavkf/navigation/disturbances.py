@@ -31,7 +31,14 @@ def begin_faults(s):
         b = L.FAULT_BOOK + 3 * k
         s[b + L.FAULT_SINCE] = np.nan
         s[b + L.FAULT_LAST] = np.nan
-    for i in (L.SUSPECT_POSITION, L.SUSPECT_VELOCITY, L.AGREES_SINCE, L.PRESSURE_REFUSED_SINCE):
+    for i in (
+        L.SUSPECT_POSITION,
+        L.SUSPECT_VELOCITY,
+        L.SUSPECT_HEIGHT,
+        L.HEIGHT_AGREES_SINCE,
+        L.AGREES_SINCE,
+        L.PRESSURE_REFUSED_SINCE,
+    ):
         s[i] = np.nan
 
 

@@ -18,6 +18,7 @@ from mavkf.navigation.alignment import collect
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.disturbances import is_on, watch_imu
 from mavkf.navigation.fusing import forget, note
+from mavkf.navigation.imu_noise import untruncated, watch_samples
 from mavkf.navigation.layout import OUT
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import (
@@ -29,7 +30,7 @@ from mavkf.navigation.plausible import (
     POLE,
     plausible,
 )
-from mavkf.navigation.propagation import coast, set_acceleration, step, untruncated, watch_samples
+from mavkf.navigation.propagation import coast, set_acceleration, step
 from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
 from mavkf.navigation.sources import imu_in_use, in_use
 from mavkf.navigation.two_models import weigh_models

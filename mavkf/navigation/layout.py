@@ -153,15 +153,17 @@ _suspicion = FAULT_BOOK + 3 * FAULTS
 (
     SUSPECT_POSITION,  # since when the main receiver's positions are not believed, s; NaN: they are
     SUSPECT_VELOCITY,  # its velocities
+    SUSPECT_HEIGHT,  # its heights
+    HEIGHT_AGREES_SINCE,
     AGREES_SINCE,  # start of an unbroken time in which what is suspected agrees with the state, NaN: it does not
     DOUBT,  # m: by how much two accounts of the position differed when nothing could tell which was right
     SCATTER,  # of late, positions that were refused and did not agree with each other either
     PRESSURE_REFUSED_SINCE,  # start of an unbroken run of refused pressures, NaN: none
     CLIPPED,  # samples in a row that show the same extreme force
     MONITORED,  # 1: the effects of faults are being carried along
-) = range(_suspicion, _suspicion + 8)
+) = range(_suspicion, _suspicion + 10)
 SINCE_UPDATE = (
-    _suspicion + 8
+    _suspicion + 10
 )  # since the effects were carried along last: transition (9, TOP), and decay of the coloured error (2)
 # Effects of hypothetical faults on the estimate: see `monitors`. Each: start, J (3, 3), c (3), f (STATES_MOST, 3).
 H_SINCE, H_J, H_C, H_F = 0, 1, 10, 13

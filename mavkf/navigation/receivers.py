@@ -167,16 +167,6 @@ def is_main(s, e, c, out):
 
 
 @compiled
-def other_heard(s):
-    """Whether a receiver that is not the main one has fixes."""
-    heard = False
-    for k in range(L.RECEIVERS):
-        other = FIRST_SOURCE + k != int(s[L.MAIN])
-        heard = heard or (other and s[L.T] - s[L.BOOKS + k * L.BOOK + L.F_T] < SILENT)
-    return heard
-
-
-@compiled
 def other_in_agreement(s):
     """The source of a receiver that is not the main one and whose positions are being fused; -1: there is none."""
     for k in range(L.RECEIVERS):

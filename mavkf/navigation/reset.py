@@ -17,7 +17,6 @@ from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import (
     become_main,
     claimed,
-    other_heard,
     other_in_agreement,
     set_colour,
     way_since,
@@ -147,7 +146,7 @@ def acquit_position(s, e, c, out, b):
 def refuse_or_reset(s, e, c, out, b, size):
     """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them.
 
-    size: m, of the horizontal innovation; b: the receiver's book.
+    size: m, of the innovation; b: the receiver's book.
     """
     vn = e[VELOCITY_N] if math.isfinite(e[VELOCITY_N]) else 0.0
     ve = e[VELOCITY_E] if math.isfinite(e[VELOCITY_E]) else 0.0
@@ -166,8 +165,8 @@ def refuse_or_reset(s, e, c, out, b, size):
     if wrong:
         patience = min(patience, PATIENCE_WITH_ITSELF)
     else:
-        if told and c[Parameter.MONITORS] != 0.0 and not other_heard(s):
-            # its velocities are fused, and they say that the state is right; nobody else can tell
+        if told and c[Parameter.MONITORS] != 0.0 and other_in_agreement(s) < 0:
+            # its velocities are fused, and they say that the state is right; no other receiver can tell
             patience = c[Parameter.SUSPICION]
         if s[b + L.F_REFUSED_COUNT] >= FIXES_TO_START:
             begin_fault(s, out, NoteCode.GNSS_JUMP, s[b + L.F_REFUSED_SINCE], size, s[b + L.F_REFUSED_COUNT], 0.0)
@@ -192,7 +191,9 @@ def reset_position(s, e, c, out, b, wrong):
     set_position(s, c, e, b)
     end_fault(s, out, NoteCode.GNSS_JUMP)
     end_fault(s, out, NoteCode.GNSS_DRIFT)
+    end_fault(s, out, NoteCode.GNSS_HEIGHT_DRIFT)
     s[L.SUSPECT_POSITION] = np.nan
+    s[L.SUSPECT_HEIGHT] = np.nan
     s[L.AGREES_SINCE] = np.nan
     stop_monitors(s)
     if wrong:

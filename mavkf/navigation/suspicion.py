@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
-from mavkf.filters.joseph import innovation_covariance, invert, quadratic
-from mavkf.models.strapdown import VEL, V
+from mavkf.filters.joseph import innovation_covariance, invert, quadratic, row_variance
+from mavkf.models.strapdown import POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.disturbances import begin_fault, end_fault
@@ -28,6 +28,7 @@ MOVING = 1.0  # m/s beyond three sigma: a fix changes by more than its last digi
 SCATTERED = 4.0  # positions refused of late that did not agree with each other
 SCATTER_MEMORY = 0.9  # of a count of them, from fix to fix
 NOISY, QUIET = 9.0, 4.0  # times the claimed variance: three sigma, and two
+UNTOLD = 1e3  # m: one sigma of a height that is not believed
 DOUBT_TIME = 300.0  # s in which a doubt fades
 
 
@@ -43,14 +44,37 @@ def surprise(P, H, R, r):
 
 
 @compiled
-def agreement(s, nis, m):
-    """Whether what is suspected has agreed with the state for long enough, given the NIS of m degrees of freedom of its newest."""
+def agreement(s, since, nis, m):
+    """Whether what is suspected has agreed with the state for long enough, given the NIS of m degrees of freedom of its newest.
+
+    since: where the start of that time is kept.
+    """
     if not nis <= AGREES * m:
-        s[L.AGREES_SINCE] = np.nan
+        s[since] = np.nan
         return False
-    if not math.isfinite(s[L.AGREES_SINCE]):
-        s[L.AGREES_SINCE] = s[L.T]
-    return s[L.T] - s[L.AGREES_SINCE] >= AGREE_TIME
+    if not math.isfinite(s[since]):
+        s[since] = s[L.T]
+    return s[L.T] - s[since] >= AGREE_TIME
+
+
+@compiled
+def weigh_height(s, c, out, P, H, R, r):
+    """Let a fix whose height is suspected tell the horizontal position alone (R (3, 3) raised), until its height agrees again."""
+    if not math.isfinite(s[L.SUSPECT_HEIGHT]):
+        return
+    variance = R[2, 2] + row_variance(P, H, 2)
+    agrees = agreement(s, L.HEIGHT_AGREES_SINCE, r[2] * r[2] / variance, 1)
+    if agrees or out_of_patience(s, c, s[L.SUSPECT_HEIGHT]):
+        if not agrees:
+            # nobody can tell any more: the height is the receiver's again, and as uncertain as the two differ
+            P[POS + 2, POS + 2] += r[2] * r[2]
+            s[L.BAROMETER_KNOWN] = 0.0
+            s[L.DOUBT] = max(s[L.DOUBT], 0.5 * abs(r[2]))
+        s[L.SUSPECT_HEIGHT] = np.nan
+        end_fault(s, out, NoteCode.GNSS_HEIGHT_DRIFT)
+        stop_monitors(s)
+    else:
+        R[2, 2] += UNTOLD**2 + r[2] * r[2]
 
 
 @compiled

@@ -48,6 +48,7 @@ from mavkf.navigation.suspicion import (
     is_frozen,
     out_of_patience,
     surprise,
+    weigh_height,
 )
 from mavkf.navigation.use_gnss_velocity import fuse_velocity
 from mavkf.navigation.use_gnss_yaw import use_gnss_yaw
@@ -227,8 +228,9 @@ def fuse_position(s, e, c, out, b):
         weigh_surprise(P, H, R, r, c[Parameter.LIMIT_3])
     for i in range(3):
         s[b + L.F_INNOVATION + i] = r[i]
+    weigh_height(s, c, out, P, H, R, r)
     if math.isfinite(s[L.SUSPECT_POSITION]):
-        if not agreement(s, surprise(P, H, R, r), 3):
+        if not agreement(s, L.AGREES_SINCE, surprise(P, H, R, r), 3):
             fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.SUSPECTED)
             if out_of_patience(s, c, s[L.SUSPECT_POSITION]):
                 s[b + L.F_REFUSED_SINCE] = s[L.SUSPECT_POSITION]
@@ -238,7 +240,7 @@ def fuse_position(s, e, c, out, b):
     nis = fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.FUSED)
     s[L.SCATTER] *= SCATTER_MEMORY
     if nis < 0.0:
-        refuse_or_reset(s, e, c, out, b, math.hypot(r[0], r[1]))
+        refuse_or_reset(s, e, c, out, b, math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]))
         follow_scatter(s, out, b, math.hypot(r[0], r[1]))
         return
     fused_position(s, out, b)
@@ -249,13 +251,15 @@ def fuse_position(s, e, c, out, b):
     k = b + L.F_SCALE_POSITION
     horizontal = 0.5 * (r[0] * r[0] / S[0] + r[1] * r[1] / S[1])
     s[k] = learn(s[k], horizontal, 1, R[0, 0] / S[0], LEAST_SCALE)
-    s[k + 1] = learn(s[k + 1], r[2] * r[2] / S[2], 1, R[2, 2] / S[2], LEAST_SCALE)
+    if not math.isfinite(s[L.SUSPECT_HEIGHT]):
+        s[k + 1] = learn(s[k + 1], r[2] * r[2] / S[2], 1, R[2, 2] / S[2], LEAST_SCALE)
     if s[L.PERIOD] <= SLOWEST_FOR_LEARNING:
         since = min(e[TIME] - s[b + L.F_T_BEFORE], 2.0) if math.isfinite(s[b + L.F_T_BEFORE]) else 0.0
         learn_colour_time(s, c, horizontal, 0.5 * (S[0] + S[1]), 0, since)
-        learn_colour_time(s, c, r[2] * r[2] / S[2], S[2], 1, since)
         learn_colour(s, r, S, 0, 0, 2)
-        learn_colour(s, r, S, 1, 2, 1)
+        if not math.isfinite(s[L.SUSPECT_HEIGHT]):
+            learn_colour_time(s, c, r[2] * r[2] / S[2], S[2], 1, since)
+            learn_colour(s, r, S, 1, 2, 1)
 
 
 @compiled

@@ -89,7 +89,7 @@ def fuse_velocity(s, e, c, out, b):
                 R[i, j] += times * c[Parameter.DELAY] ** 2 * a[i] * a[j]
     share = variance / (variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
     suspected = main and math.isfinite(s[L.SUSPECT_VELOCITY])
-    if suspected and agreement(s, surprise(P, H[:m], R[:m, :m].copy(), r[:m]), m):
+    if suspected and agreement(s, L.AGREES_SINCE, surprise(P, H[:m], R[:m, :m].copy(), r[:m]), m):
         absolve_velocity(s, out)
         suspected = False
     reason = Reason.SUSPECTED if suspected else Reason.FUSED

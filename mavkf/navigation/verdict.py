@@ -6,7 +6,7 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.filters.joseph import invert
-from mavkf.models.strapdown import DBA, DBG, DGNSS, retract
+from mavkf.models.strapdown import DBA, DBG, retract
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.disturbances import begin_fault, end_fault
@@ -26,8 +26,14 @@ from mavkf.navigation.reset import acquit_position, reset_position
 # By kind: twice the log likelihood ratio at which a fault is believed, and the least size that is worth a name. Chi-square with three
 # degrees of freedom exceeds 30 once in 700,000 trials; the IMU's kinds need more, because what is not modelled (scale, vibration, the
 # lag of a turn) looks like a bias for a while. m/s, m/s, rad/s, m/s^2.
-VERDICTS = np.array([30.0, 30.0, 50.0, 80.0])
+VERDICTS = np.array([30.0, 50.0, 50.0, 80.0])
+ACROSS, ALONG = (
+    27.0,
+    22.0,
+)  # of a drift: of its horizontal and of its vertical part, with two degrees and with one, as unlikely
 LEAST = np.array([0.1, 0.4, math.radians(0.1), 0.05])
+# A velocity that lies and a position that drifts look alike but for the moment at which they begin, and the first is rarer by far.
+RARER = np.array([0.0, 20.0, 0.0, 0.0])
 LEAST_AGE = 1.0  # s of evidence
 
 
@@ -83,42 +89,41 @@ def judge_faults(s, e, c, out, b):
     for h in range(L.HYPOTHESES):
         if s[L.T] - s[hypothesis(h)] >= LEAST_AGE:
             ratio = regress(s, h, size, covariance)
-            if ratio > best:
+            if ratio - RARER[KIND[h]] > best - (RARER[KIND[which]] if which >= 0 else 0.0):
                 best, which = ratio, h
-    if which < 0 or best < VERDICTS[KIND[which]]:
+    if which < 0:
         return
     kind = KIND[which]
     regress(s, which, size, covariance)
     length = math.sqrt(size[0] * size[0] + size[1] * size[1] + size[2] * size[2])
-    if length < LEAST[kind]:
+    across, along = horizontal_ratio(size, covariance), size[2] * size[2] / covariance[2, 2]
+    found = best >= VERDICTS[kind]
+    if kind == RAMP:
+        found = across >= ACROSS or along >= ALONG
+    if not found or length < LEAST[kind]:
         return
     since = s[hypothesis(which)]
-    if (kind == RAMP and math.isfinite(s[L.SUSPECT_VELOCITY])) or (
-        kind == VELOCITY and math.isfinite(s[L.SUSPECT_POSITION])
-    ):
+    drifts = kind == RAMP and across >= ACROSS
+    if (drifts and math.isfinite(s[L.SUSPECT_VELOCITY])) or (kind == VELOCITY and math.isfinite(s[L.SUSPECT_POSITION])):
         # one receiver against one filter, in everything: it is the filter that has lost its way
         doubt_all(s, e, c, out, b)
         return
-    if kind == RAMP:
-        across = math.hypot(size[0], size[1])
-        if horizontal_ratio(size, covariance) > 0.5 * VERDICTS[RAMP] and across > LEAST[RAMP]:
-            take_out(s, which, size, covariance)
-            s[L.SUSPECT_POSITION] = since
-            s[L.AGREES_SINCE] = np.nan
-            begin_fault(s, out, NoteCode.GNSS_DRIFT, since, across * (s[L.T] - since), across, best)
-        else:
-            take_out(s, which, size, covariance)
-            distrust_height(s, size[2] * (s[L.T] - since))
-            height = NoteCode.GNSS_HEIGHT_DRIFT.value
-            way = abs(size[2]) * (s[L.T] - since)
-            tell(out, height, 0.0, s[L.T], since, s[L.T], way, size[2], best)
+    take_out(s, which, size, covariance)
+    if drifts:
+        s[L.SUSPECT_POSITION] = since
+        s[L.AGREES_SINCE] = np.nan
+        rate = math.hypot(size[0], size[1])
+        begin_fault(s, out, NoteCode.GNSS_DRIFT, since, rate * (s[L.T] - since), rate, best)
+    elif kind == RAMP:
+        s[L.SUSPECT_HEIGHT] = since
+        s[L.HEIGHT_AGREES_SINCE] = np.nan
+        way = abs(size[2]) * (s[L.T] - since)
+        begin_fault(s, out, NoteCode.GNSS_HEIGHT_DRIFT, since, way, size[2], best)
     elif kind == VELOCITY:
-        take_out(s, which, size, covariance)
         s[L.SUSPECT_VELOCITY] = since
         s[L.AGREES_SINCE] = np.nan
         begin_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG, since, length, 0.0, best)
     else:
-        take_out(s, which, size, covariance)
         first = DBG if kind == GYRO else DBA
         P = L.covariance(s)
         for i in range(3):
@@ -138,11 +143,3 @@ def doubt_all(s, e, c, out, b):
     reset_position(s, e, c, out, b, True)
     s[L.SUSPECT_VELOCITY] = np.nan
     end_fault(s, out, NoteCode.GNSS_VELOCITY_WRONG)
-
-
-@compiled
-def distrust_height(s, way):
-    """Let the coloured error of the height be as large as the way (m) by which the receiver's height ran off; it is learnt anew."""
-    P = L.covariance(s)
-    P[DGNSS + 2, DGNSS + 2] += way * way
-    s[L.COLOUR + 1] = max(s[L.COLOUR + 1], abs(way))

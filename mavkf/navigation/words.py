@@ -27,7 +27,7 @@ def _fault(code: NoteCode, size: float, a: float, b: float) -> tuple[dict[str, A
             text = f"GNSS position drifts, by {size:.1f} m so far, against its own velocity and the IMU: not fused"
             return {"rate_m_s": a, "likelihood_ratio": b}, text
         case NoteCode.GNSS_HEIGHT_DRIFT:
-            text = f"GNSS height drifted by {size:.1f} m against its own velocity, the IMU and the barometer: it counts less now"
+            text = f"GNSS height drifted by {size:.1f} m against its own velocity, the IMU and the barometer: not fused"
             return {"down_m_s": a, "likelihood_ratio": b}, text
         case NoteCode.GNSS_VELOCITY_WRONG:
             text = f"GNSS velocity is off by {size:.1f} m/s against its own positions and the IMU: not fused"

@@ -5,6 +5,7 @@ from math import exp
 import numpy as np
 import pytest
 
+from mavkf.config import with_settings
 from mavkf.models.strapdown import DDELAY, DGNSS, GNSS
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Sensor
@@ -163,7 +164,7 @@ def test_a_jump_that_another_receiver_does_not_see_is_not_followed() -> None:
 def test_a_jump_of_both_is() -> None:
     rows = merged(session(), second_receiver())
     rows[(rows[:, KIND] == Kind.GNSS) & (rows[:, TIME] > 118.0), LATITUDE] += 60.0 / RADII[0]
-    output = run_offline(rows, CONFIG).output
+    output = run_offline(rows, with_settings(CONFIG, ["integrity.suspicion_s=10"])).output
     assert events(output, NoteCode.POSITION_RESET).shape[0] == 1
     after = output.poses[output.poses[:, L.R_TIME] > 131.0].copy()
     after[:, L.R_LATITUDE] -= 60.0 / RADII[0]

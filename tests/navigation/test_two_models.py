@@ -13,8 +13,9 @@ from mavkf.models.telemetry import N as TELEMETRY_STATES
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.estimator import run_offline
+from mavkf.navigation.imu_noise import unseen_share
 from mavkf.navigation.parameter import Parameter
-from mavkf.navigation.propagation import begin, unseen_share
+from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import choose, parameters
 from mavkf.navigation.slow_imu import enter, leave
 from mavkf.navigation.two_models import weigh_models
