@@ -1,0 +1,108 @@
+"""Continuous-discrete prediction: the moments between two measurements, along the deterministic solution.
+
+    dx/dt = f(x, t) + w,  w white of spectral density Qc
+
+    first order    dx/dt = f                        dP/dt = F P + P F' + Qc
+    second order   dx/dt = f_i + 1/2 tr(f_i'' P)     dP/dt = F P + P F' + Qc
+
+Jazwinski, "Stochastic Processes and Filtering Theory" (1970), chapter 9; Gelb, "Applied Optimal Estimation" (1974), section 6.1.
+Integrated by `runge_kutta`: in equal steps, or in steps that keep the error of each below a tolerance, in parts of the standard
+deviations. `transition` gives the same as Phi and Qd (dPhi/dt = F Phi, dQd/dt = F Qd + Qd F' + Qc), which any form can be predicted with.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mavkf.errors import UsageError
+from mavkf.filters import runge_kutta
+from mavkf.filters.orders import second_order_mean
+
+Array = np.ndarray
+Function = Callable[[Array, float], Array]
+
+
+def _integrate(
+    rate: runge_kutta.Rate, y: Array, dt: float, t: float, steps: int, tolerance: float | None, scale: Array
+) -> Array:
+    if not dt >= 0.0:
+        raise UsageError(f"dt is {dt:g} s; it must not be negative.")
+    if tolerance is None:
+        return runge_kutta.fixed(rate, t, y, dt, steps)
+    if not tolerance > 0.0:
+        raise UsageError(f"The tolerance is {tolerance:g}; it must be positive.")
+    # beside the tolerance the rounding of y itself, below which no step can get
+    return runge_kutta.adaptive(rate, t, y, dt, tolerance * scale + 1e-14 * np.abs(y) + 1e-300)[0]
+
+
+def moments(
+    f: Function,
+    F: Function,
+    Qc: Array,
+    x: Array,
+    P: Array,
+    dt: float,
+    *,
+    F_xx: Function | None = None,
+    t: float = 0.0,
+    steps: int = 1,
+    tolerance: float | None = None,
+) -> tuple[Array, Array]:
+    """Mean x (n,) and covariance P (n, n) after dt (s).
+
+    f(x, t): (n,); F(x, t): df/dx (n, n); Qc: (n, n); F_xx(x, t): Hessians (n, n, n) of the components of f, for the second order.
+    steps: of order four, equal, or with a tolerance (of sigma) as many as it needs. Raises UsageError for a dt that is negative, and where
+    no step is short enough.
+    """
+    n = len(x)
+
+    def rate(time: float, y: Array) -> Array:
+        mean, covariance = y[:n], y[n:].reshape(n, n)
+        velocity = f(mean, time)
+        if F_xx is not None:
+            velocity = velocity + second_order_mean(F_xx(mean, time), covariance)
+        FP = F(mean, time) @ covariance
+        return np.concatenate([velocity, (FP + FP.T + Qc).ravel()])
+
+    sigma = np.sqrt(np.diag(P))
+    scale = np.concatenate([sigma, np.outer(sigma, sigma).ravel()])
+    y = _integrate(rate, np.concatenate([x, P.ravel()]), dt, t, steps, tolerance, scale)
+    P = y[n:].reshape(n, n)
+    return y[:n], 0.5 * (P + P.T)
+
+
+def transition(
+    f: Function,
+    F: Function,
+    Qc: Array,
+    x: Array,
+    dt: float,
+    *,
+    P: Array | None = None,
+    F_xx: Function | None = None,
+    t: float = 0.0,
+    steps: int = 1,
+    tolerance: float | None = None,
+) -> tuple[Array, Array, Array]:
+    """Mean x (n,), Phi and Qd (n, n) over dt (s): P after it is Phi P Phi' + Qd.
+
+    Arguments as of `moments`; P, before dt, is needed for the second order and for a tolerance. Raises UsageError where it is missing.
+    """
+    n = len(x)
+    if P is None and (F_xx is not None or tolerance is not None):
+        raise UsageError("The second order and a tolerance need the covariance P to start from.")
+
+    def rate(time: float, y: Array) -> Array:
+        mean, (Phi, Qd) = y[:n], y[n:].reshape(2, n, n)
+        velocity, jacobian = f(mean, time), F(mean, time)
+        if F_xx is not None:
+            velocity = velocity + second_order_mean(F_xx(mean, time), Phi @ P @ Phi.T + Qd)
+        FQ = jacobian @ Qd
+        return np.concatenate([velocity, (jacobian @ Phi).ravel(), (FQ + FQ.T + Qc).ravel()])
+
+    sigma = np.ones(n) if P is None else np.sqrt(np.diag(P)) + 1e-300
+    scale = np.concatenate([sigma, np.outer(sigma, 1.0 / sigma).ravel(), np.outer(sigma, sigma).ravel()])
+    start = np.concatenate([x, np.eye(n).ravel(), np.zeros(n * n)])
+    y = _integrate(rate, start, dt, t, steps, tolerance, scale)
+    Phi, Qd = y[n:].reshape(2, n, n)
+    return y[:n], Phi.copy(), 0.5 * (Qd + Qd.T)
