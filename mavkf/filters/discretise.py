@@ -40,6 +40,8 @@ def exponential(A: Array) -> Array:
     if not np.all(np.isfinite(A)):
         raise UsageError("The matrix of an exponential must be finite.")
     norm = float(np.abs(A).sum(axis=0).max(initial=0.0))
+    if norm == 0.0:
+        return np.eye(len(A))  # to the bit
     halvings = max(0, math.ceil(math.log2(norm / PADE_NORM))) if norm > PADE_NORM else 0
     A = A / 2.0**halvings
     square = A @ A

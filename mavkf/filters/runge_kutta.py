@@ -48,17 +48,21 @@ def adaptive(rate: Rate, t: float, y: Array, dt: float, scale: Array) -> tuple[A
 
     Raises UsageError where not even the shortest steps keep it so: a solution that grows without bound inside the interval.
     """
-    end, h, taken = t + dt, dt, 0
+    end, taken = t + dt, 0
+    # the first step changes y by no more than a hundredth of itself
+    size, speed = np.max(np.abs(y) / scale), np.max(np.abs(rate(t, y)) / scale)
+    h = min(dt, max(0.01 * size / speed, 1e-3 * dt)) if speed > 0.0 else dt
     while t < end:
         h = min(h, end - t)
         stages: list[Array] = []
-        for node, weights in zip(NODES, STAGES, strict=True):
-            at = y
-            for weight, k in zip(weights, stages, strict=True):
-                at = at + h * weight * k
-            stages.append(rate(t + node * h, at))
-        # the last stage's point is the solution of order five
-        error = np.max(np.abs(h * sum(w * k for w, k in zip(DIFFERENCE, stages, strict=True))) / scale)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step that is too long is tried, and not taken
+            for node, weights in zip(NODES, STAGES, strict=True):
+                at = y
+                for weight, k in zip(weights, stages, strict=True):
+                    at = at + h * weight * k
+                stages.append(rate(t + node * h, at))
+            # the last stage's point is the solution of order five
+            error = np.max(np.abs(h * sum(w * k for w, k in zip(DIFFERENCE, stages, strict=True))) / scale)
         if error <= 1.0:
             y, taken = at, taken + 1
             t = end if h >= end - t else t + h
