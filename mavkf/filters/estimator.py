@@ -1,9 +1,10 @@
 """A Kalman filter of any model, in any form and order.
 
     from mavkf.filters import Filter
+    from mavkf.filters.smoothers import modified_bryson_frazier
     from mavkf.models.textbook import falling_body as model
 
-    kf = Filter(model, x0, P0, form="ud", order="second-order")
+    kf = Filter(model, x0, P0, form="ud", order="second-order", record=True)
     for t, z in zip(times, measured):
         kf.predict(t - kf.t)        # x = f(x, u),  P = F P F' + Q
         y = kf.update(z)            # r = z - h(x),  S = H P H' + R,  x = x + K r
@@ -40,8 +41,8 @@ Array = np.ndarray
 class Innovation:
     """What one measurement said.
 
-    At t (s): r = z - z_hat (m,), NaN where missing, its covariance S (m, m), nis = r' S^-1 r and the number of components that it is of,
-    its degrees of freedom; the iterations of an iterated update (else 1).
+    At t (s): r = z - z_hat (m,), NaN where missing, its covariance S (m, m), nis = r' S^-1 r (NaN of none) and the number of
+    components that it is of, its degrees of freedom; the iterations of an iterated update (else 1).
     """
 
     t: float
@@ -154,7 +155,7 @@ class Filter:
             self.x = x + apply(self.form, self._A, H, R, r)
         if self._record:
             self._measured(used_H[there], R[np.ix_(there, there)], used_r[there])
-        nis = float(r[there] @ np.linalg.solve(S[np.ix_(there, there)], r[there]))
+        nis = float(r[there] @ np.linalg.solve(S[np.ix_(there, there)], r[there])) if there.any() else np.nan
         return Innovation(self.t, r, S, nis, int(there.sum()), iterations)
 
     def _integrate(self, dt: float, u: Any) -> tuple[Array, Array]:

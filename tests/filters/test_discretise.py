@@ -17,8 +17,12 @@ def test_exponential_of_known_matrices() -> None:
     np.testing.assert_allclose(exponential(np.array([[0.0, 7.0], [0.0, 0.0]])), [[1.0, 7.0], [0.0, 1.0]], rtol=1e-15)
     for angle in (0.3, 30.0, 3000.0):
         turn = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
-        np.testing.assert_allclose(exponential(np.array([[0.0, -angle], [angle, 0.0]])), turn, atol=1e-15 * (10.0 + angle))
-    np.testing.assert_allclose(exponential(np.diag([1.0, -50.0, 20.0])), np.diag(np.exp([1.0, -50.0, 20.0])), rtol=1e-13)
+        np.testing.assert_allclose(
+            exponential(np.array([[0.0, -angle], [angle, 0.0]])), turn, atol=1e-15 * (10.0 + angle)
+        )
+    np.testing.assert_allclose(
+        exponential(np.diag([1.0, -50.0, 20.0])), np.diag(np.exp([1.0, -50.0, 20.0])), rtol=1e-13
+    )
     exact = np.array(Matrix([[1, 2], [3, 4]]).exp().evalf(25), dtype=float)
     np.testing.assert_allclose(exponential(np.array([[1.0, 2.0], [3.0, 4.0]])), exact, rtol=1e-14)
     with pytest.raises(UsageError, match="finite"):

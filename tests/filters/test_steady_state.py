@@ -13,7 +13,12 @@ def test_discrete() -> None:
     for seed in range(30):
         random = np.random.default_rng(seed)
         n, m = 1 + seed % 6, 1 + seed % 3
-        F, H, Q, R = random.normal(size=(n, n)), random.normal(size=(m, n)), naive.positive(random, n), naive.positive(random, m)
+        F, H, Q, R = (
+            random.normal(size=(n, n)),
+            random.normal(size=(m, n)),
+            naive.positive(random, n),
+            naive.positive(random, m),
+        )
         P, K = steady_state.discrete(F, H, Q, R)
         S = H @ P @ H.T + R
         np.testing.assert_allclose(K, P @ H.T @ np.linalg.inv(S), rtol=1e-8, atol=1e-10)
@@ -46,7 +51,12 @@ def test_continuous() -> None:
     for seed in range(30):
         random = np.random.default_rng(seed)
         n, m = 1 + seed % 6, 1 + seed % 3
-        F, H, Qc, Rc = random.normal(size=(n, n)), random.normal(size=(m, n)), naive.positive(random, n), naive.positive(random, m)
+        F, H, Qc, Rc = (
+            random.normal(size=(n, n)),
+            random.normal(size=(m, n)),
+            naive.positive(random, n),
+            naive.positive(random, m),
+        )
         P, K = steady_state.continuous(F, H, Qc, Rc)
         residual = kalman_bucy.riccati(P, F, H, Qc, Rc)
         assert np.abs(residual).max() < 1e-9 * max(np.abs(F @ P).max(), np.abs(Qc).max())
