@@ -21,11 +21,11 @@ def f(x: Array, t: float) -> Array:
     return van_der_pol.f(x, np.sin(2.0 * t))
 
 
-def F(x: Array, t: float) -> Array:
+def jacobian(x: Array, t: float) -> Array:
     return van_der_pol.F(x, None)
 
 
-def F_xx(x: Array, t: float) -> Array:
+def hessian(x: Array, t: float) -> Array:
     return van_der_pol.F_xx(x, None)
 
 
@@ -37,12 +37,12 @@ def flat(result: tuple[Array, ...]) -> Array:
 @pytest.mark.parametrize("function", [moments, transition])
 def test_order_four(function, second: bool) -> None:
     """Halving the step takes the error down by 2^4: the slope over three halvings lies between 3.8 and 4.2."""
-    options = {"F_xx": F_xx if second else None, "t": 0.4}
+    options = {"F_xx": hessian if second else None, "t": 0.4}
 
     def run(steps: int) -> Array:
         if function is moments:
-            return flat(moments(f, F, QC, X, P, 1.0, steps=steps, **options))
-        return flat(transition(f, F, QC, X, 1.0, P=P, steps=steps, **options))
+            return flat(moments(f, jacobian, QC, X, P, 1.0, steps=steps, **options))
+        return flat(transition(f, jacobian, QC, X, 1.0, P=P, steps=steps, **options))
 
     reference = run(512)
     steps = np.array([8, 16, 32, 64])
@@ -52,9 +52,9 @@ def test_order_four(function, second: bool) -> None:
 
 
 def test_moments_and_transition_are_the_same_prediction() -> None:
-    for second in (None, F_xx):
-        x, P_after = moments(f, F, QC, X, P, 0.5, F_xx=second, steps=64)
-        x_too, Phi, Qd = transition(f, F, QC, X, 0.5, P=P, F_xx=second, steps=64)
+    for second in (None, hessian):
+        x, P_after = moments(f, jacobian, QC, X, P, 0.5, F_xx=second, steps=64)
+        x_too, Phi, Qd = transition(f, jacobian, QC, X, 0.5, P=P, F_xx=second, steps=64)
         np.testing.assert_allclose(x, x_too, rtol=1e-9)
         np.testing.assert_allclose(P_after, Phi @ P @ Phi.T + Qd, rtol=1e-8)
 
@@ -77,17 +77,17 @@ def test_the_tolerance_is_kept(tolerance: float) -> None:
     def fall(x: Array, t: float) -> Array:
         return falling_body.f(x, None)
 
-    def jacobian(x: Array, t: float) -> Array:
+    def slope(x: Array, t: float) -> Array:
         return falling_body.F(x, None)
 
     start = falling_body.TRUTH, falling_body.P0 * 0.01
     Qc = np.zeros((3, 3))
     sigma = np.sqrt(np.diag(start[1]))
-    reference, P_reference = moments(fall, jacobian, Qc, *start, 15.0, steps=4000)
-    x, P_after = moments(fall, jacobian, Qc, *start, 15.0, tolerance=tolerance)
+    reference, P_reference = moments(fall, slope, Qc, *start, 15.0, steps=4000)
+    x, P_after = moments(fall, slope, Qc, *start, 15.0, tolerance=tolerance)
     assert np.max(np.abs(x - reference) / sigma) < 100.0 * tolerance
     assert np.max(np.abs(P_after - P_reference) / np.outer(sigma, sigma)) < 1000.0 * tolerance
-    x_too, Phi, Qd = transition(fall, jacobian, Qc, start[0], 15.0, P=start[1], tolerance=tolerance)
+    x_too, Phi, Qd = transition(fall, slope, Qc, start[0], 15.0, P=start[1], tolerance=tolerance)
     assert np.max(np.abs(x_too - reference) / sigma) < 100.0 * tolerance
     assert np.max(np.abs(Phi @ start[1] @ Phi.T + Qd - P_reference) / np.outer(sigma, sigma)) < 1000.0 * tolerance
 
@@ -109,11 +109,11 @@ def test_what_cannot_be_integrated_is_said() -> None:
     with pytest.raises(UsageError, match="cannot be integrated past 1 s"):
         runge_kutta.adaptive(lambda t, y: y * y, 0.0, np.ones(1), 2.0, np.full(1, 1e-6))  # 1 / (1 - t)
     with pytest.raises(UsageError, match="steps is 0"):
-        moments(f, F, QC, X, P, 1.0, steps=0)
+        moments(f, jacobian, QC, X, P, 1.0, steps=0)
     with pytest.raises(UsageError, match="must be positive"):
-        moments(f, F, QC, X, P, 1.0, tolerance=0.0)
+        moments(f, jacobian, QC, X, P, 1.0, tolerance=0.0)
     with pytest.raises(UsageError, match="must not be negative"):
-        moments(f, F, QC, X, P, -1.0)
+        moments(f, jacobian, QC, X, P, -1.0)
     with pytest.raises(UsageError, match="need the covariance"):
-        transition(f, F, QC, X, 1.0, tolerance=1e-6)
-    np.testing.assert_array_equal(moments(f, F, QC, X, P, 0.0, tolerance=1e-6)[0], X)
+        transition(f, jacobian, QC, X, 1.0, tolerance=1e-6)
+    np.testing.assert_array_equal(moments(f, jacobian, QC, X, P, 0.0, tolerance=1e-6)[0], X)

@@ -127,7 +127,7 @@ def test_the_documented_example_runs() -> None:
         "x0": falling_body.X0,
         "P0": falling_body.P0,
         "times": [1.0, 2.0],
-        "measured": [falling_body.h(falling_body.TRUTH), [np.nan]],
+        "measured": [falling_body.h(falling_body.TRUTH)] * 2,
     }
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         exec(code, names)

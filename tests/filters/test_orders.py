@@ -1,4 +1,4 @@
-"""Beyond the first order: exact where the model is quadratic, iterated to the most probable state, better on the problem they were made for."""
+"""Beyond the first order: exact where the model is quadratic, iterated to the most probable state, better where they should be."""
 
 from types import SimpleNamespace
 
