@@ -23,7 +23,7 @@ SOURCE = "chi-square of the sum; Bar-Shalom, Li and Kirubarajan (2001), section 
 def squared(errors: Array, covariances: Array) -> tuple[Array, Array]:
     """Normalised squares (n,) of errors (n, m) of covariances (n, m, m), and the components (n,) each is of.
 
-    Components that are NaN are left out. Raises UsageError where the shapes do not fit.
+    Components that are NaN are left out. Raises UsageError where the shapes do not fit, or a covariance is singular.
     """
     n, m = errors.shape if np.ndim(errors) == 2 else (-1, -1)
     if np.shape(covariances) != (n, m, m):
@@ -32,9 +32,14 @@ def squared(errors: Array, covariances: Array) -> tuple[Array, Array]:
         )
     there = ~np.isnan(errors)
     values = np.zeros(n)
-    for i in range(n):
-        e = errors[i, there[i]]
-        values[i] = e @ np.linalg.solve(covariances[i][np.ix_(there[i], there[i])], e) if len(e) else 0.0
+    for pattern in np.unique(there, axis=0):  # few: all components, or this one missing or that
+        rows, kept = np.flatnonzero((there == pattern).all(axis=1)), np.flatnonzero(pattern)
+        e = errors[np.ix_(rows, kept)]
+        try:
+            weighted = np.linalg.solve(covariances[np.ix_(rows, kept, kept)], e[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            raise UsageError("A covariance is singular: there is nothing to compare an error with.") from None
+        values[rows] = np.sum(e * weighted, axis=1)
     return values, there.sum(axis=1)
 
 

@@ -126,10 +126,11 @@ def binomial_survival(count: int, trials: int, probability: float) -> float:
 
 def binomial_bound(probability: float, trials: int, success: float) -> int:
     """The smallest count that is exceeded with no more than this probability."""
-    count = 0
-    while binomial_survival(count + 1, trials, success) > probability:
-        count += 1
-    return count
+    low, high = -1, trials
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if binomial_survival(middle + 1, trials, success) > probability else (low, middle)
+    return high
 
 
 def kolmogorov_survival(distance: float, count: int) -> float:

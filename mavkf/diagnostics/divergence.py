@@ -32,12 +32,17 @@ def judge(r: Array, S: Array, probability: float, size: Array | None = None) -> 
         return Finding(NAME, "", math.nan, 0.0, math.nan, probability, math.nan, "unknown", SOURCE, sentence)
     value = float(nis[half:].sum() / degrees[1] / (nis[:half].sum() / degrees[0]))
     high = distributions.f_bound(probability, degrees[1], degrees[0])
-    variances = np.diagonal(S, axis1=1, axis2=2)
-    typical = np.nanmean(variances, axis=0)
+    there = ~np.isnan(r)
+    variances = np.where(there, np.diagonal(S, axis1=1, axis2=2), 0.0)
+    typical = variances.sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    typical[typical == 0.0] = 1.0  # of an axis that is never there
     squares = np.nansum(r**2 / typical, axis=1)
     grown = squares[half:].sum() / degrees[1] / (squares[:half].sum() / degrees[0])
-    size = np.nanmean(variances / typical, axis=1) if size is None else size
-    surer = float(np.mean(size[half:]) / np.mean(size[:half]))
+    if size is None:
+        by_axis = (variances / typical).sum(axis=1)
+        surer = float(by_axis[half:].sum() / degrees[1] / (by_axis[:half].sum() / degrees[0]))
+    else:
+        surer = float(np.mean(size[half:]) / np.mean(size[:half]))
     diverging = value > high and grown > 1.0 and surer <= 1.0
     change = f"innovations {math.sqrt(grown):.2g} times, sigma {math.sqrt(surer):.2g} times, from the first half to the second"
     if diverging:

@@ -44,6 +44,9 @@ def judge_sensor(
         raise UsageError(f"There are {len(names)} names of axes for {m} components.")
     if not 0.0 < probability < 1.0:
         raise UsageError(f"The probability is {probability:g}; it must lie between 0 and 1.")
+    # what the filter could not foretell (S unknown) says nothing about it
+    variances = np.diagonal(S, axis1=1, axis2=2)
+    r = np.where(np.isfinite(r) & np.isfinite(variances) & (variances > 0.0), r, np.nan)
     known = ~np.isnan(r).all(axis=1)
     used, rejected = fused & known, int(np.sum(~fused & known))
     t, r, S = t[used], r[used], S[used]
@@ -54,7 +57,7 @@ def judge_sensor(
         consistency.judge_share(nis, components, level, gate=gate),
         divergence.judge(r, S, level),
     ]
-    u = whiteness.normalised(r, S)
+    u = r / np.sqrt(np.where(np.isnan(r), 1.0, np.diagonal(S, axis1=1, axis2=2)))
     for a, axis in enumerate(names):
         there = ~np.isnan(u[:, a])
         v = u[there, a]

@@ -18,11 +18,6 @@ Array = np.ndarray
 FEWEST = 20  # innovations below which the asymptotic distributions are not to be had
 
 
-def normalised(r: Array, S: Array) -> Array:
-    """Innovations (n, m) in units of their standard deviations, axis by axis; S: (n, m, m)."""
-    return np.asarray(r / np.sqrt(np.diagonal(S, axis1=1, axis2=2)))
-
-
 def autocorrelation(u: Array, lags: int) -> Array:
     """rho (lags,) at 1, 2, ... of a sequence u (n,), its mean taken off."""
     u = u - u.mean()

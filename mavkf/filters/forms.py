@@ -72,7 +72,9 @@ def noise_factor(Q: np.ndarray, name: str = "Q") -> tuple[np.ndarray, np.ndarray
     A = ud.from_covariance(Q)
     q = np.diag(A).copy()
     G = np.triu(A, 1) + np.eye(len(Q))
-    if np.any(q < 0.0) or np.any(np.abs((G * q) @ G.T - Q) > 1e-9 * np.outer(scale, scale)):
+    # what goes with a pivot that is nothing but rounding is of the size of the root of it
+    tolerance = 4.0 * np.sqrt(len(Q) * np.finfo(float).eps)
+    if np.any(q < 0.0) or not np.all(np.abs((G * q) @ G.T - Q) <= tolerance * np.outer(scale, scale)):
         raise UsageError(f"{name} must be positive semi-definite.")
     return G, q
 

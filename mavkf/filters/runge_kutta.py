@@ -43,12 +43,13 @@ def fixed(rate: Rate, t: float, y: Array, dt: float, steps: int) -> Array:
     return y
 
 
-def adaptive(rate: Rate, t: float, y: Array, dt: float, scale: Array) -> tuple[Array, int]:
-    """y (k,) after dt, and the steps taken: in each the estimated error stays below `scale` (k,), in every component.
+def adaptive(rate: Rate, t: float, y: Array, dt: float, scale: Array) -> tuple[Array, list[float]]:
+    """y (k,) after dt, and the lengths of the steps taken: in each the estimated error stays below `scale` (k,), in every component.
 
     Raises UsageError where not even the shortest steps keep it so: a solution that grows without bound inside the interval.
     """
-    end, taken = t + dt, 0
+    end = t + dt
+    taken: list[float] = []
     # the first step changes y by no more than a hundredth of itself
     size, speed = np.max(np.abs(y) / scale), np.max(np.abs(rate(t, y)) / scale)
     h = min(dt, max(0.01 * size / speed, 1e-3 * dt)) if speed > 0.0 else dt
@@ -64,7 +65,8 @@ def adaptive(rate: Rate, t: float, y: Array, dt: float, scale: Array) -> tuple[A
             # the last stage's point is the solution of order five
             error = np.max(np.abs(h * sum(w * k for w, k in zip(DIFFERENCE, stages, strict=True))) / scale)
         if error <= 1.0:
-            y, taken = at, taken + 1
+            y = at
+            taken.append(h)
             t = end if h >= end - t else t + h
         h *= float(np.clip(0.9 * error**-0.2, 0.2, 5.0)) if error > 0.0 else 0.2 if np.isnan(error) else 5.0
         if h < SHORTEST * dt and t < end:

@@ -7,6 +7,7 @@ from mavkf.errors import UsageError
 from mavkf.filters import runge_kutta
 from mavkf.filters.continuous import moments, transition
 from mavkf.filters.discretise import van_loan
+from mavkf.filters.forms import noise_factor
 from mavkf.models.textbook import falling_body, van_der_pol
 
 from . import _naive as naive
@@ -70,6 +71,18 @@ def test_linear_models_are_van_loans() -> None:
         np.testing.assert_allclose(Qd_rk, Qd, rtol=1e-8, atol=1e-8 * Qd.max())
 
 
+def test_noise_stays_a_covariance_however_coarse_the_steps() -> None:
+    """White noise through four integrators: a short polynomial is not positive, the sum of squares is; and it is near."""
+    A, Qc = np.eye(4, k=1), np.diag([0.0, 0.0, 0.0, 2.0])
+    for steps in (1, 2, 8):
+        _, _, Qd = transition(lambda x, t: A @ x, lambda x, t: A, Qc, np.zeros(4), 3.0, steps=steps)
+        G, q = noise_factor(Qd)
+        sigma = np.sqrt(np.diag(Qd))
+        np.testing.assert_allclose((G * q) @ G.T, Qd, atol=1e-9 * sigma.max() ** 2)
+    exact = van_loan(A, Qc, 3.0)[1]
+    np.testing.assert_allclose(Qd / np.outer(sigma, sigma), exact / np.outer(sigma, sigma), atol=1e-3)
+
+
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 def test_the_tolerance_is_kept(tolerance: float) -> None:
     """In parts of sigma, over a fall from space into the air: some tens of steps may each add their part."""
@@ -87,6 +100,8 @@ def test_the_tolerance_is_kept(tolerance: float) -> None:
     x, P_after = moments(fall, slope, Qc, *start, 15.0, tolerance=tolerance)
     assert np.max(np.abs(x - reference) / sigma) < 100.0 * tolerance
     assert np.max(np.abs(P_after - P_reference) / np.outer(sigma, sigma)) < 1000.0 * tolerance
+    # of what is left of sigma at the end, which has grown a hundredfold in altitude
+    sigma = np.sqrt(np.diag(P_reference))
     x_too, Phi, Qd = transition(fall, slope, Qc, start[0], 15.0, P=start[1], tolerance=tolerance)
     assert np.max(np.abs(x_too - reference) / sigma) < 100.0 * tolerance
     assert np.max(np.abs(Phi @ start[1] @ Phi.T + Qd - P_reference) / np.outer(sigma, sigma)) < 1000.0 * tolerance
@@ -95,7 +110,8 @@ def test_the_tolerance_is_kept(tolerance: float) -> None:
 def test_steps_are_spent_where_they_are_needed() -> None:
     def counted(scale: float) -> tuple[float, int]:
         y, steps = runge_kutta.adaptive(lambda t, y: -50.0 * (y - np.cos(t)), 0.0, np.zeros(1), 2.0, np.array([scale]))
-        return float(y[0]), steps
+        assert sum(steps) == pytest.approx(2.0)
+        return float(y[0]), len(steps)
 
     (coarse, few), (fine, many) = counted(1e-4), counted(1e-10)
     assert few < many
@@ -108,8 +124,9 @@ def test_steps_are_spent_where_they_are_needed() -> None:
 def test_what_cannot_be_integrated_is_said() -> None:
     with pytest.raises(UsageError, match="cannot be integrated past 1 s"):
         runge_kutta.adaptive(lambda t, y: y * y, 0.0, np.ones(1), 2.0, np.full(1, 1e-6))  # 1 / (1 - t)
-    with pytest.raises(UsageError, match="steps is 0"):
-        moments(f, jacobian, QC, X, P, 1.0, steps=0)
+    for function in (moments, transition):
+        with pytest.raises(UsageError, match="steps is 0"):
+            function(f, jacobian, QC, X, P=P, dt=1.0, steps=0)
     with pytest.raises(UsageError, match="must be positive"):
         moments(f, jacobian, QC, X, P, 1.0, tolerance=0.0)
     with pytest.raises(UsageError, match="must not be negative"):
