@@ -85,6 +85,7 @@ def apply(form: ModuleType, A: np.ndarray, H: np.ndarray, R: np.ndarray, r: np.n
     H: (m, n); R: (m, m) positive definite, correlated or not; NaN in r is a component that is missing. Raises UsageError where R is not
     positive definite.
     """
+    H, R, r = (np.ascontiguousarray(array, dtype=float) for array in (H, R, r))  # or it would be compiled anew
     m, n = H.shape
     H_w, r_w, dx = np.empty((m, n)), np.empty(m), np.zeros(n)
     used = whiten(H, R, r, H_w, r_w)

@@ -7,6 +7,7 @@ from scipy import stats
 from mavkf.diagnostics import bias, consistency, covariance, divergence, linearisation, normality, whiteness
 from mavkf.diagnostics.distributions import binomial_bound
 from mavkf.errors import UsageError
+from mavkf.models.textbook import coordinated_turn
 
 Array = np.ndarray
 N = 400
@@ -173,6 +174,18 @@ def test_degrees_of_linearisation(curvature: float, verdict: str) -> None:
     assert finding.verdict == verdict
     assert finding.name == "linearisation of the prediction"
     assert linearisation.judge(np.empty(0)).verdict == "unknown"
+
+
+def test_a_radar_is_linear_from_afar() -> None:
+    """Range and bearing of a place that is known to 50 m: curved at 300 m, straight at 20 km."""
+    P = np.diag([50.0**2, 50.0**2, 1.0, 1.0, 1e-4])
+    verdicts = []
+    for distance in (300.0, 20000.0):
+        x = np.array([0.6 * distance, 0.8 * distance, 0.0, 0.0, 0.0])
+        H = coordinated_turn.H(x)
+        share = linearisation.outside(coordinated_turn.H_xx(x), P, H @ P @ H.T + coordinated_turn.R)
+        verdicts.append(linearisation.judge(np.array([share])).verdict)
+    assert verdicts == ["broken", "fine"]
 
 
 def test_condition_and_symmetry() -> None:

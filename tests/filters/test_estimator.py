@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 
 from mavkf.errors import UsageError
 from mavkf.filters import Filter, Linear, estimator, kalman
@@ -55,6 +56,24 @@ def test_on_a_linear_model_all_are_the_kalman_filter(form: str, order: str) -> N
         assert innovation.nis == pytest.approx(r[there] @ np.linalg.inv(S[np.ix_(there, there)]) @ r[there], rel=1e-6)
         assert innovation.components == there.sum()
     assert kf.t == 10.0
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_equals_filterpy(form: str) -> None:
+    """An outside library on a linear problem, with measurements that are missing."""
+    random = np.random.default_rng(3)
+    theirs = KalmanFilter(dim_x=4, dim_z=2)
+    theirs.F, theirs.H = naive.orthogonal(random, 4) * 0.95, random.normal(size=(2, 4))
+    theirs.Q, theirs.R, theirs.P = naive.positive(random, 4), naive.positive(random, 2), naive.positive(random, 4)
+    theirs.x = random.normal(size=(4, 1))
+    kf = Filter(Linear(theirs.F, theirs.H, theirs.Q, theirs.R), theirs.x[:, 0], theirs.P, form=form)
+    for i in range(30):
+        z = None if i % 5 == 3 else random.normal(size=2)
+        theirs.predict()
+        theirs.update(z)
+        kf.predict(1.0)
+        kf.update([np.nan, np.nan] if z is None else z)
+        assert naive.difference(kf.x, kf.P, theirs.x[:, 0], theirs.P) < 1e-9
 
 
 @pytest.mark.parametrize("order", ORDERS)
