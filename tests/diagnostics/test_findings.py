@@ -177,11 +177,11 @@ def test_degrees_of_linearisation(curvature: float, verdict: str) -> None:
 
 
 def test_a_radar_is_linear_from_afar() -> None:
-    """Range and bearing of a place that is known to 50 m: curved at 300 m, straight at 20 km."""
-    P = np.diag([50.0**2, 50.0**2, 1.0, 1.0, 1e-4])
+    """A place known to 1 m along the line of sight and 50 m across: the range is curved at 200 m, straight at 20 km."""
+    P = np.diag([1.0, 50.0**2, 1.0, 1.0, 1e-4])
     verdicts = []
-    for distance in (300.0, 20000.0):
-        x = np.array([0.6 * distance, 0.8 * distance, 0.0, 0.0, 0.0])
+    for distance in (200.0, 20000.0):
+        x = np.array([distance, 0.0, 0.0, 0.0, 0.0])
         H = coordinated_turn.H(x)
         share = linearisation.outside(coordinated_turn.H_xx(x), P, H @ P @ H.T + coordinated_turn.R)
         verdicts.append(linearisation.judge(np.array([share])).verdict)

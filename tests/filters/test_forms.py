@@ -46,6 +46,16 @@ def test_to_and_from_covariance(form: ModuleType) -> None:
         np.testing.assert_allclose(back, P, rtol=1e-9, atol=1e-10 * np.abs(P).max())
 
 
+@each_form
+def test_nearly_parallel_states_stay_apart(form: ModuleType) -> None:
+    """A small pivot is not rounding: the variance of the difference of two states comes back."""
+    for rest in (1e-2, 1e-4, 1e-6):
+        P = np.array([[1.0, 1.0 - rest], [1.0 - rest, 1.0]])
+        back = form.to_covariance(form.from_covariance(P))
+        apart = np.array([1.0, -1.0])
+        assert apart @ back @ apart == pytest.approx(2.0 * rest, rel=1e-8)
+
+
 @pytest.mark.parametrize("name", [name for name in FORMS if name not in KEEP_INVERSE])
 def test_a_state_known_exactly(name: str) -> None:
     """A zero variance is a covariance too; the state stays where it is, and what depends on it is right."""
