@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 class Finding:
     """One number, what it may be, and what it means.
 
-    name: of the diagnostic; axis: of the sensor ("" for all of them); value; low, high: its bounds (infinite where there is none);
+    name: of the diagnostic; axis: of the sensor ("" for all of them); value; low, high: its bounds (NaN where they cannot be told);
     probability: that the value of a right filter lies outside them (NaN where the bounds follow from something else, which `source` says);
     p_value: probability that a right filter has a value as far out as this one (NaN as before); verdict: fine or off; fine, marginal or
     broken where there are degrees; unknown where there is too little to tell; source: of the bounds; sentence: the meaning.

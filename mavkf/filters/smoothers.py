@@ -51,12 +51,17 @@ def _checked(steps: Sequence[Step]) -> None:
 def rauch_tung_striebel(steps: Sequence[Step]) -> tuple[Array, Array]:
     """Smoothed states (k, n) and covariances (k, n, n) of k steps.
 
-    Raises UsageError where there are none, or a covariance is unknown (NaN). P_predicted must be regular in every step but the first.
+    Raises UsageError where there are none, a covariance is unknown (NaN), or a predicted one singular, but for the first.
     """
     _checked(steps)
     x, P = [steps[-1].x_filtered], [steps[-1].P_filtered]
     for step, after in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
-        C = np.linalg.solve(after.P_predicted, after.Phi @ step.P_filtered).T
+        try:
+            C = np.linalg.solve(after.P_predicted, after.Phi @ step.P_filtered).T
+        except np.linalg.LinAlgError:
+            raise UsageError(
+                f"At {after.t:g} s P is singular: modified_bryson_frazier needs no inverse of it."
+            ) from None
         x.append(step.x_filtered + C @ (x[-1] - after.x_predicted))
         smoothed = step.P_filtered + C @ (P[-1] - after.P_predicted) @ C.T
         P.append(0.5 * (smoothed + smoothed.T))

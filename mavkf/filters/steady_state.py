@@ -18,10 +18,14 @@ DOUBLINGS = 60  # 2^60 measurements: what has not settled by then never will
 CONVERGED = 1e-14
 
 
+@np.errstate(all="ignore")  # what has no steady state overflows, and is refused at the end
 def _double(A: Array, G: Array, P: Array) -> Array:
     """The limit of P: A (n, n) the transposed transition, G (n, n) the information of a measurement, P (n, n) the noise."""
     for _ in range(DOUBLINGS):
-        W = np.linalg.inv(np.eye(len(A)) + G @ P)
+        try:
+            W = np.linalg.inv(np.eye(len(A)) + G @ P)
+        except np.linalg.LinAlgError:
+            break
         AW = A @ W
         change = A.T @ P @ W @ A
         P_next = P + 0.5 * (change + change.T)

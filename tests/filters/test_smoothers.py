@@ -153,5 +153,9 @@ def test_what_cannot_be_smoothed_is_said() -> None:
     kf = Filter(Linear(np.eye(2), np.eye(2), np.eye(2), np.eye(2)), [0.0, 0.0], form="information", record=True)
     with pytest.raises(UsageError, match="not known yet"):
         rauch_tung_striebel(kf.history)
+    exact = Filter(Linear(np.eye(1), np.eye(1), np.zeros((1, 1)), np.eye(1)), [0.0], np.zeros((1, 1)), record=True)
+    exact.predict(1.0)
+    with pytest.raises(UsageError, match="needs no inverse"):
+        rauch_tung_striebel(exact.history)
     with pytest.raises(UsageError, match="lag is -1"):
         FixedLag(-1)

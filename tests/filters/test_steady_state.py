@@ -76,8 +76,10 @@ def test_continuous_is_where_the_riccati_equation_ends() -> None:
 
 def test_what_has_none_is_said() -> None:
     unseen = np.diag([1.2, 0.5]), np.array([[0.0, 1.0]])  # grows, and is not measured
-    with np.errstate(all="ignore"):
+    with pytest.raises(UsageError, match="no steady state"):
+        steady_state.discrete(*unseen, np.eye(2), np.eye(1))
+    with pytest.raises(UsageError, match="no steady state"):
+        steady_state.continuous(np.diag([0.3, -0.5]), unseen[1], np.eye(2), np.eye(1))
+    for F in (1e200, np.nan):
         with pytest.raises(UsageError, match="no steady state"):
-            steady_state.discrete(*unseen, np.eye(2), np.eye(1))
-        with pytest.raises(UsageError, match="no steady state"):
-            steady_state.continuous(np.diag([0.3, -0.5]), unseen[1], np.eye(2), np.eye(1))
+            steady_state.discrete(np.diag([F, 0.5]), unseen[1], np.eye(2), np.eye(1))
