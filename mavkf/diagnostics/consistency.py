@@ -32,8 +32,9 @@ def squared(errors: Array, covariances: Array) -> tuple[Array, Array]:
         )
     there = ~np.isnan(errors)
     values = np.zeros(n)
-    for pattern in np.unique(there, axis=0):  # few: all components, or this one missing or that
-        rows, kept = np.flatnonzero((there == pattern).all(axis=1)), np.flatnonzero(pattern)
+    patterns = there @ (1 << np.arange(m))
+    for pattern in np.unique(patterns):  # few: all components, or this one missing or that
+        rows, kept = np.flatnonzero(patterns == pattern), np.flatnonzero(pattern >> np.arange(m) & 1)
         e = errors[np.ix_(rows, kept)]
         try:
             weighted = np.linalg.solve(covariances[np.ix_(rows, kept, kept)], e[..., None])[..., 0]

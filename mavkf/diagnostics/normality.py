@@ -20,10 +20,11 @@ SOURCE = "chi-square with 2 degrees of K^2; D'Agostino, Belanger and D'Agostino 
 def skewness_and_kurtosis(u: Array) -> tuple[float, float]:
     """Third and fourth moments of u (n,), about its mean and by its standard deviation: 0 and 3 of a Gaussian."""
     d = u - u.mean()
-    variance = float(np.mean(d**2))
+    squares = d * d
+    variance = float(np.mean(squares))
     if variance == 0.0:
         return 0.0, 3.0
-    return float(np.mean(d**3)) / variance**1.5, float(np.mean(d**4)) / variance**2
+    return float(np.mean(squares * d)) / variance**1.5, float(np.mean(squares * squares)) / variance**2
 
 
 def standard_scores(u: Array) -> tuple[float, float]:
