@@ -1,7 +1,7 @@
 """Probabilities of the test statistics: chi-square, Student's t, F, the binomial's and Kolmogorov's, to ten digits and without SciPy.
 
-Series and continued fractions of the incomplete gamma and beta functions: NIST Digital Library of Mathematical Functions, 8.11.4, 8.9.2
-and 8.17.22. Kolmogorov's with the correction for finite samples of Stephens, "Use of the Kolmogorov-Smirnov, Cramer-von Mises and
+Series and continued fractions of the incomplete gamma and beta functions: NIST Digital Library of Mathematical Functions, sections 8.7,
+8.9 and 8.17. Kolmogorov's with the correction for finite samples of Stephens, "Use of the Kolmogorov-Smirnov, Cramer-von Mises and
 Related Statistics Without Extensive Tables", J. Royal Statistical Society B 32 (1970).
 """
 

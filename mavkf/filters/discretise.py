@@ -15,7 +15,7 @@ from mavkf.errors import UsageError
 
 Array = np.ndarray
 # Pade coefficients of degree 13 and the norm up to which they give full precision: Higham, "The Scaling and Squaring Method for the Matrix
-# Exponential Revisited", SIAM J. Matrix Anal. Appl. 26 (2005), tables 2.3 and 2.4.
+# Exponential Revisited", SIAM J. Matrix Anal. Appl. 26 (2005).
 PADE = (
     64764752532480000.0,
     32382376266240000.0,

@@ -6,7 +6,7 @@
     dP/dt = F P + P F' + Qc - P H' Rc^-1 H P
 
 Kalman and Bucy, "New Results in Linear Filtering and Prediction Theory", J. Basic Eng. 83 (1961); Jazwinski, "Stochastic Processes and
-Filtering Theory" (1970), section 7.4. It is the limit of the discrete filter with Q = Qc dt and R = Rc / dt for dt to zero.
+Filtering Theory" (1970), chapter 7. It is the limit of the discrete filter with Q = Qc dt and R = Rc / dt for dt to zero.
 """
 
 import numpy as np

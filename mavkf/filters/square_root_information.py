@@ -4,7 +4,7 @@
                    [ H   r ]   [ 0   e ]                      [ -R Phi^-1 G sqrt(q)   R Phi^-1   z ] = [ 0   R   z ]
 
 Dyer and McReynolds, "Extension of Square-Root Filtering to Include Process Noise", J. Optimization Theory and Applications 3 (1969);
-Bierman, "Factorization Methods for Discrete Sequential Estimation" (1977), chapters IV and VI. As `information`, knowing nothing is R = 0,
+Bierman, "Factorization Methods for Discrete Sequential Estimation" (1977), chapters V and VI. As `information`, knowing nothing is R = 0,
 and what cannot be told yet stays in z; with twice the digits. Phi must be invertible. The form's own array is [R | z], R upper
 triangular, shape (n, n + 1).
 """
