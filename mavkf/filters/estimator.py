@@ -57,6 +57,8 @@ def _array(value: Any, shape: tuple[int, ...], name: str) -> Array:
     array = np.array(value, dtype=float, order="C")
     if array.shape != shape:
         raise UsageError(f"{name} has the shape {array.shape}; it must be {shape}.")
+    if np.isinf(array).any():
+        raise UsageError(f"{name} is not finite: {array}.")
     return array
 
 
@@ -89,6 +91,8 @@ class Filter:
         self.model, self.form, self.order = model, form_named(form), order
         n = np.size(x)
         self.x = _array(x, (n,), "x")
+        if np.isnan(self.x).any():
+            raise UsageError(f"x is not finite: {self.x}.")
         self.t = t
         self.steps, self.tolerance = steps, tolerance
         if P is None:

@@ -16,6 +16,7 @@ from mavkf.errors import UsageError
 Array = np.ndarray
 DOUBLINGS = 60  # 2^60 measurements: what has not settled by then never will
 CONVERGED = 1e-14
+NONE = "There is no steady state: a state that is not stable is not seen in the measurements, or not driven by noise."
 
 
 @np.errstate(all="ignore")  # what has no steady state overflows, and is refused at the end
@@ -38,7 +39,7 @@ def _double(A: Array, G: Array, P: Array) -> Array:
         P = P_next
         if settled:
             return P
-    raise UsageError("There is no steady state: a state that is not stable is not seen in the measurements.")
+    raise UsageError(NONE)
 
 
 def discrete(F: Array, H: Array, Q: Array, R: Array) -> tuple[Array, Array]:
@@ -49,7 +50,11 @@ def discrete(F: Array, H: Array, Q: Array, R: Array) -> tuple[Array, Array]:
     """
     P = _double(F.T, H.T @ np.linalg.solve(R, H), Q)
     S = H @ P @ H.T + R
-    return P, np.asarray(np.linalg.solve(S, H @ P).T)
+    K = np.linalg.solve(S, H @ P).T
+    # without noise P = 0 solves the equation too, but no filter that starts with a doubt gets there
+    if not np.abs(np.linalg.eigvals(F - F @ K @ H)).max() < 1.0:
+        raise UsageError(NONE)
+    return P, np.asarray(K)
 
 
 def continuous(F: Array, H: Array, Qc: Array, Rc: Array) -> tuple[Array, Array]:
@@ -65,4 +70,7 @@ def continuous(F: Array, H: Array, Qc: Array, Rc: Array) -> tuple[Array, Array]:
     inverse = np.linalg.inv(F - gamma * np.eye(n) + Qc @ shifted @ G)
     A = np.eye(n) + 2.0 * gamma * inverse.T
     P = _double(A, 2.0 * gamma * shifted @ G @ inverse, 2.0 * gamma * inverse @ Qc @ shifted)
-    return P, np.asarray(np.linalg.solve(Rc, H @ P).T)
+    K = np.linalg.solve(Rc, H @ P).T
+    if not np.linalg.eigvals(F - K @ H).real.max() < 0.0:
+        raise UsageError(NONE)
+    return P, np.asarray(K)

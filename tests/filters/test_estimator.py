@@ -173,6 +173,8 @@ def test_nothing_measured_has_no_nis() -> None:
         ({"P": np.full((4, 4), np.nan)}, "P must be"),
         ({"P": np.diag([1.0, 1.0, 1.0, 0.0]), "form": "information"}, "needs a P that can be inverted"),
         ({"x": np.zeros((2, 2))}, "x has the shape"),
+        ({"x": [0.0, np.nan, 0.0, 0.0]}, "x is not finite"),
+        ({"P": np.diag([1.0, np.inf, 1.0, 1.0])}, "P is not finite"),
     ],
 )
 def test_bad_starts_are_said(options: dict, said: str) -> None:
@@ -186,6 +188,8 @@ def test_bad_calls_are_said() -> None:
         kf.predict(-0.1)
     with pytest.raises(UsageError, match=r"z has the shape \(3,\); it must be \(2,\)"):
         kf.update([1.0, 2.0, 3.0])
+    with pytest.raises(UsageError, match="z is not finite"):
+        kf.update([1.0, np.inf])
     with pytest.raises(UsageError, match="H has the shape"):
         kf.update([1.0], SimpleNamespace(h=lambda x: x[:1], H=lambda x: np.eye(1, 3), R=np.eye(1)))
     with pytest.raises(UsageError, match="R must be positive definite"):

@@ -80,6 +80,13 @@ def test_what_has_none_is_said() -> None:
         steady_state.discrete(*unseen, np.eye(2), np.eye(1))
     with pytest.raises(UsageError, match="no steady state"):
         steady_state.continuous(np.diag([0.3, -0.5]), unseen[1], np.eye(2), np.eye(1))
+    one = np.eye(1)
+    for F in (2.0, 1.0):
+        with pytest.raises(UsageError, match="not driven by noise"):
+            steady_state.discrete(F * one, one, 0.0 * one, one)
+    with pytest.raises(UsageError, match="not driven by noise"):
+        steady_state.continuous(0.5 * one, one, 0.0 * one, one)
+    assert steady_state.discrete(0.5 * one, one, 0.0 * one, one)[0] == 0.0  # it forgets by itself
     for F in (1e200, np.nan):
         with pytest.raises(UsageError, match="no steady state"):
             steady_state.discrete(np.diag([F, 0.5]), unseen[1], np.eye(2), np.eye(1))
