@@ -116,6 +116,26 @@ def test_mean_and_trend_are_scipys() -> None:
     assert finding.p_value == pytest.approx(theirs.pvalue, rel=1e-9)
 
 
+def test_whiteness_by_its_definitions() -> None:
+    """Each number from sums written out, and Kolmogorov's distance as SciPy has it."""
+    u = coloured(3, 0.5, 41) + 2.0
+    n, mean = len(u), sum(u) / len(u)
+    power = sum((x - mean) ** 2 for x in u)
+    rho = [sum((u[i] - mean) * (u[i + k] - mean) for i in range(n - k)) / power for k in range(1, 11)]
+    np.testing.assert_allclose(whiteness.autocorrelation(u, 10), rho, rtol=1e-12)
+    total = n * (n + 2) * sum(rho[k - 1] ** 2 / (n - k) for k in range(1, 11))
+    finding = whiteness.judge_ljung_box(u, 0.05)
+    assert finding.value == pytest.approx(total, rel=1e-12)
+    assert finding.p_value == pytest.approx(stats.chi2(10).sf(total), rel=1e-9)
+    times = np.arange(n)
+    lines = [abs(np.sum((u - mean) * np.exp(-2j * np.pi * k * times / n))) ** 2 for k in range(1, 21)]
+    share = np.cumsum(lines) / np.sum(lines)
+    np.testing.assert_allclose(whiteness.cumulative_periodogram(u), share, rtol=1e-9)
+    for v in (u, coloured(3, -0.5, 41)):
+        distance = stats.kstest(whiteness.cumulative_periodogram(v)[:-1], "uniform").statistic
+        assert whiteness.judge_periodogram(v, 0.05).value == pytest.approx(distance, rel=1e-9)
+
+
 def test_nis_of_partial_measurements() -> None:
     random = np.random.default_rng(0)
     A = random.normal(size=(50, 3, 4))

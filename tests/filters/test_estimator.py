@@ -121,6 +121,15 @@ def test_sensors_of_others() -> None:
     assert naive.difference(kf.x, kf.P, x, P) < 1e-9
 
 
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_bearing_across_the_cut_moves_the_state_a_little(order: str) -> None:
+    """Predicted 3.14 and measured -3.14: the target is a little to one side, not behind."""
+    kf = Filter(coordinated_turn, [-1000.0, 1.0, 0.0, 0.0, 0.0], coordinated_turn.P0, order=order)
+    innovation = kf.update([1000.0, -np.pi + 0.002])
+    assert abs(innovation.r[1]) < 0.004
+    assert np.hypot(kf.x[0] + 1000.0, kf.x[1]) < 10.0
+
+
 @pytest.mark.parametrize("form", KEEP_INVERSE)
 def test_from_knowing_nothing(form: str) -> None:
     """Two fixes start a track; until then neither P nor the innovation's covariance is a number."""
