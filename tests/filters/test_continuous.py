@@ -121,6 +121,15 @@ def test_steps_are_spent_where_they_are_needed() -> None:
     assert fine == pytest.approx(exact, abs=1e-9)
 
 
+def test_a_step_across_a_sudden_change_is_taken_back() -> None:
+    """Nothing happens for a second, and the steps grow; then something does."""
+    y, steps = runge_kutta.adaptive(
+        lambda t, y: np.array([np.sin(20.0 * t) if t > 1.0 else 0.0]), 0.0, np.ones(1), 2.0, np.full(1, 1e-8)
+    )
+    assert y[0] == pytest.approx(1.0 + (np.cos(20.0) - np.cos(40.0)) / 20.0, abs=1e-6)
+    assert max(steps) > 20.0 * min(steps)
+
+
 def test_what_cannot_be_integrated_is_said() -> None:
     with pytest.raises(UsageError, match="cannot be integrated past 1 s"):
         runge_kutta.adaptive(lambda t, y: y * y, 0.0, np.ones(1), 2.0, np.full(1, 1e-6))  # 1 / (1 - t)

@@ -90,6 +90,16 @@ def test_from_knowing_nothing(name: str) -> None:
     assert np.isnan(form.from_covariance(np.zeros((1, 1)))).any()
 
 
+@pytest.mark.parametrize("name", KEEP_INVERSE)
+def test_a_sum_does_not_tell_its_parts(name: str) -> None:
+    """However often it is measured; once one part is, both are known."""
+    form, A = FORMS[name], nothing_known(name, 2)
+    for H, known in (([[1.0, 3.0]], False), ([[1.0, 3.0]], False), ([[1.0, 0.0]], True)):
+        dx = apply(form, A, np.array(H), np.eye(1), np.array([6.0]))
+        assert np.isfinite(form.to_covariance(A)).all() == known
+        np.testing.assert_allclose(dx, [6.0, 0.0] if known else [0.0, 0.0], atol=1e-12)
+
+
 def test_state_and_covariance_in_one_transformation() -> None:
     """The extended array carries x itself: update and prediction in one step, never a gain."""
     for seed in range(10):
