@@ -4,7 +4,8 @@
 
 Bucy and Joseph, "Filtering for Stochastic Processes with Applications to Guidance" (1968); Maybeck, "Stochastic Models, Estimation, and
 Control", vol. 1 (1979), eq. 5-96. Order n^2 m. Preserves symmetry (the upper triangle is mirrored) and, unlike (I - K H) P, positive
-semi-definiteness for any gain. Measurements of one, two or three components.
+semi-definiteness for any gain. The first functions are the estimator's: its own gain, gate and considered states lie between them. The
+last four are the contract of all forms; the form's own array is P itself, shape (n, n).
 """
 
 import math
@@ -12,6 +13,8 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
+from mavkf.filters.covariance import predict as predict_covariance
+from mavkf.filters.dense import identity
 
 
 @compiled
@@ -138,3 +141,43 @@ def correct(P, H, R, PHt, inverse, r, dx, K, considered, first):
             mean = 0.5 * (P[i, j] + P[j, i])
             P[i, j] = mean
             P[j, i] = mean
+
+
+@compiled
+def from_covariance(P):
+    """The form's array of a covariance P (n, n): a copy."""
+    return P.copy()
+
+
+@compiled
+def to_covariance(A):
+    """The covariance (n, n) of the form's array: a copy."""
+    return A.copy()
+
+
+@compiled
+def predict(A, Phi, G, q):
+    """P <- Phi P Phi' + G diag(q) G', in place, symmetric to the bit. Phi: (n, n), G: (n, k), q: (k,) variances."""
+    predict_covariance(A, Phi, G, q)
+    n = A.shape[0]
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (A[i, j] + A[j, i])
+            A[i, j] = mean
+            A[j, i] = mean
+
+
+@compiled
+def update(A, H, r, dx):
+    """Correct P in place by whitened measurements and fill dx = K r (n,). H: (m, n), r: (m,), noise of unit covariance."""
+    m, n = H.shape
+    R = identity(m)
+    PHt = np.empty((n, m))
+    S = np.empty((m, m))
+    inverse = np.empty((m, m))
+    innovation_covariance(A, H, R, PHt, S)
+    if not invert(S, inverse) > 0.0:
+        for a in range(m):
+            for b in range(m):
+                inverse[a, b] = np.nan  # P is not a covariance: said by what comes out, not hidden
+    correct(A, H, R, PHt, inverse, r, dx, np.empty((A.shape[0], r.shape[0])), -1, 0)
