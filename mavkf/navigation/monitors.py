@@ -38,8 +38,11 @@ FAULT_SIGMA = np.array([5.0, 10.0, 0.1, 2.0])  # how large such faults are: m/s,
 # For each hypothesis its kind, and when it begins anew: at phase, phase + every, ... on the boot clock (s). A fast fault shows within
 # seconds of its start, a slow drift of the position in a minute.
 KIND = np.array([RAMP] * 6 + [VELOCITY] * 3 + [GYRO] * 3 + [ACCELEROMETER] * 3)
-EVERY = np.array([20.0] * 4 + [60.0] * 2 + [12.0] * 9)
-PHASE = np.array([0.0, 5.0, 10.0, 15.0, 0.0, 30.0] + [0.0, 4.0, 8.0] * 3)
+EVERY = np.array([20.0] * 4 + [60.0] * 2 + [1e9, 12.0, 12.0] + [12.0] * 6)
+PHASE = np.array([0.0, 5.0, 10.0, 15.0, 0.0, 30.0] + [0.0, 0.0, 6.0] + [0.0, 4.0, 8.0] * 2)
+SUDDEN = 6  # the hypothesis of a velocity that lies from the fix on at which it surprised
+SURPRISE = 4.0  # NIS per degree of freedom that begins it anew
+SUDDEN_AGE, SUDDEN_RATIO = 12.0, 12.0  # s; or where it does not follow anything likely
 CLIP = (
     20.0  # NIS beyond which an innovation counts no more than one of this size: an outlier is no evidence of what lasts
 )
@@ -85,6 +88,33 @@ def carry_nothing(s):
 
 
 @compiled
+def begin_one(s, h):
+    """Begin hypothesis h at the state's time."""
+    b = hypothesis(h)
+    for i in range(L.HYPOTHESIS):
+        s[b + i] = 0.0
+    s[b + L.H_SINCE] = s[L.T]
+    for i in range(3):
+        s[b + L.H_J + 4 * i] = 1.0 / FAULT_SIGMA[KIND[h]] ** 2
+        if KIND[h] >= GYRO:
+            s[b + L.H_F + 3 * ((DBG if KIND[h] == GYRO else DBA) + i) + i] = -1.0
+
+
+@compiled
+def surprised(s, nis, m):
+    """Before a velocity of the main receiver is fused: let it be the first of a lie, where its NIS of m degrees surprises.
+
+    A velocity that lies and a position that drifts look alike but for the moment at which they begin.
+    """
+    if s[L.MONITORED] == 0.0 or not nis > SURPRISE * m:
+        return
+    size, covariance = np.empty(3), np.empty((3, 3))
+    if s[L.T] - s[hypothesis(SUDDEN)] > SUDDEN_AGE or regress(s, SUDDEN, size, covariance) < SUDDEN_RATIO:
+        carry_effects(s)
+        begin_one(s, SUDDEN)
+
+
+@compiled
 def begin_hypotheses(s):
     """At a fix: begin each hypothesis whose time has come, or all where none is followed; forget them where nothing can be judged."""
     if not can_judge(s):
@@ -102,13 +132,7 @@ def begin_hypotheses(s):
             (s[L.T] - PHASE[h]) / EVERY[h]
         ):
             continue
-        for i in range(L.HYPOTHESIS):
-            s[b + i] = 0.0
-        s[b + L.H_SINCE] = s[L.T]
-        for i in range(3):
-            s[b + L.H_J + 4 * i] = 1.0 / FAULT_SIGMA[KIND[h]] ** 2
-            if KIND[h] >= GYRO:
-                s[b + L.H_F + 3 * ((DBG if KIND[h] == GYRO else DBA) + i) + i] = -1.0
+        begin_one(s, h)
 
 
 @compiled

@@ -13,7 +13,7 @@ from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_walk
-from mavkf.navigation.monitors import stop_monitors
+from mavkf.navigation.monitors import stop_monitors, surprised
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import claimed, lasting
 from mavkf.navigation.reset import FIXES_TO_START, PATIENCE_WITH_ITSELF, acquit_position, doubt_attitude
@@ -89,9 +89,12 @@ def fuse_velocity(s, e, c, out, b):
                 R[i, j] += times * c[Parameter.DELAY] ** 2 * a[i] * a[j]
     share = variance / (variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
     suspected = main and math.isfinite(s[L.SUSPECT_VELOCITY])
-    if suspected and agreement(s, L.AGREES_SINCE, surprise(P, H[:m], R[:m, :m].copy(), r[:m]), m):
-        absolve_velocity(s, out)
-        suspected = False
+    if main:
+        nis = surprise(P, H[:m], R[:m, :m].copy(), r[:m])
+        surprised(s, nis, m)
+        if suspected and agreement(s, L.AGREES_SINCE, nis, m):
+            absolve_velocity(s, out)
+            suspected = False
     reason = Reason.SUSPECTED if suspected else Reason.FUSED
     nis = fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R[:m, :m].copy(), reason)
     if nis >= 0.0:

@@ -26,14 +26,15 @@ from mavkf.navigation.reset import acquit_position, reset_position
 # By kind: twice the log likelihood ratio at which a fault is believed, and the least size that is worth a name. Chi-square with three
 # degrees of freedom exceeds 30 once in 700,000 trials; the IMU's kinds need more, because what is not modelled (scale, vibration, the
 # lag of a turn) looks like a bias for a while. m/s, m/s, rad/s, m/s^2.
-VERDICTS = np.array([30.0, 50.0, 50.0, 80.0])
+VERDICTS = np.array([30.0, 40.0, 50.0, 80.0])
 ACROSS, ALONG = (
     27.0,
     22.0,
 )  # of a drift: of its horizontal and of its vertical part, with two degrees and with one, as unlikely
 LEAST = np.array([0.1, 0.4, math.radians(0.1), 0.05])
-# A velocity that lies and a position that drifts look alike but for the moment at which they begin, and the first is rarer by far.
-RARER = np.array([0.0, 20.0, 0.0, 0.0])
+# By hypothesis: what a kind is rarer than the others, in the same measure. A velocity that begins to lie without a jump is rarer by far
+# than a position that begins to drift.
+RARER = np.array([0.0] * 6 + [0.0, 20.0, 20.0] + [0.0] * 6)
 LEAST_AGE = 1.0  # s of evidence
 
 
@@ -89,7 +90,7 @@ def judge_faults(s, e, c, out, b):
     for h in range(L.HYPOTHESES):
         if s[L.T] - s[hypothesis(h)] >= LEAST_AGE:
             ratio = regress(s, h, size, covariance)
-            if ratio - RARER[KIND[h]] > best - (RARER[KIND[which]] if which >= 0 else 0.0):
+            if ratio - RARER[h] > best - (RARER[which] if which >= 0 else 0.0):
                 best, which = ratio, h
     if which < 0:
         return

@@ -48,7 +48,7 @@ def _fault(code: NoteCode, size: float, a: float, b: float) -> tuple[dict[str, A
         case NoteCode.GYRO_STEP:
             return {"likelihood_ratio": b}, f"gyro bias stepped by {math.degrees(size):.2f} deg/s: corrected"
         case NoteCode.ACCELEROMETER_STEP:
-            return {"likelihood_ratio": b}, f"accelerometer bias stepped by {size:.2f} m/s^2: corrected"
+            return {"likelihood_ratio": _known(b)}, f"accelerometer bias stepped by {size:.2f} m/s^2: corrected"
         case NoteCode.ACCELEROMETER_SCALE:
             text = f"accelerometer shows {size:.2f} m/s^2 at rest, where gravity is {a:.2f}: its scale is wrong, so it is not used"
             return {"gravity_m_s2": a}, text
