@@ -206,7 +206,7 @@ def watch(s, e, sensor, r, H, inverse, K, nis, tells):
                         G[a, j] -= H[a, i] * f[i, j]
         if main and KIND[h] == RAMP and sensor == Sensor.GNSS_POSITION.value:
             for a in range(m):
-                G[a, a] += s[L.T] - s[b]
+                G[a, a + 3 - m] += s[L.T] - s[b]  # one component: the height alone
         elif main and KIND[h] == VELOCITY and sensor == Sensor.GNSS_VELOCITY.value:
             for a in range(m):
                 G[a, a] += 1.0

@@ -232,6 +232,8 @@ def fuse_position(s, e, c, out, b):
     if math.isfinite(s[L.SUSPECT_POSITION]):
         if not agreement(s, L.AGREES_SINCE, surprise(P, H, R, r), 3):
             fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.SUSPECTED)
+            # what was found drifts horizontally
+            fuse(s, e, c, out, Sensor.GNSS_POSITION, r[2:], H[2:], R[2:, 2:].copy(), Reason.FUSED)
             if out_of_patience(s, c, s[L.SUSPECT_POSITION]):
                 s[b + L.F_REFUSED_SINCE] = s[L.SUSPECT_POSITION]
                 reset_position(s, e, c, out, b, False)
