@@ -66,6 +66,37 @@ def fly(seed: int, duration: float, folder: Path, config: Config) -> Flown:
     return Flown(f"{vehicle} {seed}, IMU {rate:g} Hz", rows, truth, ONSET, duration - LANDING)
 
 
+def fly_once(seed: int, duration: float, folder: Path, config: Config) -> Flown:
+    """What `fly` gives, flown the first time and read from the folder from then on."""
+    path = folder / f"{seed}-{duration:g}.npy"
+    if not path.exists():
+        flown = fly(seed, duration, folder, config)
+        part = path.with_name(f"part-{os.getpid()}.npy")
+        _save(part, flown)
+        _truth_of(part).replace(_truth_of(path))
+        part.replace(path)  # last, since its being there says that all is
+    rate = IMU_RATES[seed // 2 % 2]
+    rows, truth = _load(path)
+    return Flown(f"{VEHICLES[seed % 2]} {seed}, IMU {rate:g} Hz", rows, truth, ONSET, duration - LANDING)
+
+
+def _truth_of(path: Path) -> Path:
+    return path.with_name(f"{path.stem}-truth.npy")
+
+
+def _save(path: Path, flown: Flown) -> None:
+    truth = flown.truth
+    table = np.column_stack([truth.time_boot_s, truth.lat, truth.lon, truth.alt, truth.velocity, truth.euler])
+    np.save(_truth_of(path), table)
+    np.save(path, flown.rows)
+
+
+def _load(path: Path) -> tuple[Array, Truth]:
+    table = np.load(_truth_of(path))
+    truth = Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 3], table[:, 4:7], table[:, 7:10])
+    return np.load(path, mmap_mode="r"), truth
+
+
 def recorded(folder: Path, flight: Recorded, config: Config) -> Flown:
     """A recorded flight."""
     truth = read_truth(folder / f"{flight.log}.truth.csv")
@@ -99,17 +130,12 @@ def _keep(job: tuple[int, Path, Path, Config]) -> None:
         flown = fly(POOL_SEED + number, POOL_DURATION, folder, config)
     else:
         flown = recorded(recordings, RECORDED[number - POOL], config)
-    truth = flown.truth
-    table = np.column_stack([truth.time_boot_s, truth.lat, truth.lon, truth.alt, truth.velocity, truth.euler])
-    np.save(folder / f"{number}-truth.npy", table)
-    np.save(folder / f"{number}.npy", flown.rows)
+    _save(folder / f"{number}.npy", flown)
 
 
 def load(folder: Path, number: int) -> Flown:
     """A flight of the pool."""
-    table = np.load(folder / f"{number}-truth.npy")
-    truth = Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 3], table[:, 4:7], table[:, 7:10])
-    rows = np.load(folder / f"{number}.npy", mmap_mode="r")
+    rows, truth = _load(folder / f"{number}.npy")
     if number >= POOL:
         flight = RECORDED[number - POOL]
         return Flown(flight.log.split("_", maxsplit=1)[0], rows, truth, flight.onset, flight.until)
