@@ -20,7 +20,7 @@ from mavkf.replay.run import Options, run_rows
 from mavkf.replay.truth import Truth, errors, read_truth
 
 SEED, DURATION = 60_000, 900.0  # of the first simulated flight, and s of each
-FLIGHTS = 48  # simulated; the faults, and the times of the samples, are others each time
+DRAWN = 48  # simulated; the faults, and the times of the samples, are others each time
 BEGIN, EACH = 50.0, 60.0  # s: sampled from here, one sample each
 BETWEEN = 270.0  # s, mean from the end of a fault to the begin of the next
 FIRST_FAULT = 60.0  # s of boot time: none before
@@ -63,7 +63,7 @@ def levels(poses: Array, truth: Truth) -> dict[str, Array]:
 def in_simulated(job: Job) -> dict[str, Any]:
     """One flight with faults: samples [t, error, level], those above their levels, level over sigma before the first fault."""
     number, folder, config = job
-    flown = fly_once(SEED + number % FLIGHTS, DURATION, folder, config)
+    flown = fly_once(SEED + number % DRAWN, DURATION, folder, config)
     faults = draw_faults(number, flown.until)
     options = Options(rate_hz=RATE, config=config, faults=tuple(fault for _, fault in faults))
     found = levels(run_rows("1-1", flown.rows, options)[0][0].output.poses, flown.truth)
