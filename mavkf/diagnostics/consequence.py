@@ -1,0 +1,170 @@
+"""What a departure costs: the share of measurements that lie outside the region which the filter gives for 95 % of them.
+
+A test of many innovations finds departures that nobody would notice, and an estimator that allows for errors which innovations cannot
+show (noise floors, coloured errors as states) has innovations that are too small and not white by design. So a departure is weighed: it
+counts where it is more than chance and puts more than 5 % outside. The limits are those of `linearisation`: fine to 6 %, marginal to
+10 %, broken beyond. What makes innovations smaller than claimed puts fewer outside, and is fine here.
+
+    size       mean NIS by component, k times what it should be: measurements scatter by sqrt(k)
+    coverage   the share itself, as counted: outliers
+    lasting    the long-run variance of an axis, c_0 + 2 sum w_j c_j (Newey and West, "A Simple, Positive Semi-Definite, Heteroskedasticity
+               and Autocorrelation Consistent Covariance Matrix", Econometrica 55, 1987): how much the mean of many scatters against
+               what white innovations of S would; below 1 a correlation does no harm
+    mean       of an axis, its chance by that long-run variance
+    growth     NIS of the second half where it outgrew the first while S did not: divergence
+
+Bounds are closed forms, cheap enough for a live watch: normal quantiles, and Wilson's and Hilferty's of chi-square (Proc. National Academy
+of Sciences 17, 1931).
+"""
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from statistics import NormalDist
+
+import numpy as np
+
+from mavkf.diagnostics import consistency, distributions
+from mavkf.diagnostics.linearisation import FINE, MARGINAL, NOMINAL
+from mavkf.diagnostics.records import Finding
+
+Array = np.ndarray
+FEWEST = 20
+LAGS = 10
+SOURCE = "share outside the region of 95 %: fine to 6 %, marginal to 10 %"
+HALF_WIDTH = NormalDist().inv_cdf(1.0 - 0.5 * NOMINAL)
+
+
+@cache
+def _region(components: int) -> float:
+    return distributions.chi_square_quantile(1.0 - NOMINAL, components)
+
+
+@cache
+def _normal_bound(probability: float) -> float:
+    return NormalDist().inv_cdf(1.0 - probability)
+
+
+def share_of_scale(scale: float, components: int = 1) -> float:
+    """The share outside where squares are `scale` times as large as claimed."""
+    return distributions.chi_square_survival(_region(components) / scale, components) if scale > 0.0 else 0.0
+
+
+def share_of_mean(mean: float) -> float:
+    """The share outside where one axis has this mean, in parts of its sigma."""
+    cdf = NormalDist().cdf
+    return cdf(mean - HALF_WIDTH) + cdf(-mean - HALF_WIDTH)
+
+
+def ratio_bound(degrees: int, probability: float) -> float:
+    """What a chi-square variable over its degrees exceeds with this probability (Wilson and Hilferty)."""
+    part = 2.0 / (9.0 * degrees)
+    return max(1.0 - part + _normal_bound(probability) * math.sqrt(part), 0.0) ** 3
+
+
+def long_run_variance(v: Array) -> tuple[Array, float]:
+    """Of the columns of v (n, m) about their means, by Bartlett's weights over LAGS lags; and the relative error of it."""
+    n = len(v)
+    lags = max(1, min(LAGS, n // 4))
+    v = v - v.mean(axis=0)
+    total = np.einsum("ij,ij->j", v, v)
+    for k in range(1, lags + 1):
+        total = total + 2.0 * (1.0 - k / (lags + 1.0)) * np.einsum("ij,ij->j", v[k:], v[:-k])
+    return total / n, math.sqrt(4.0 * (lags + 1.0) / (3.0 * n))
+
+
+def _finding(name: str, axis: str, share: float, probability: float, by_chance: bool, sentence: str) -> Finding:
+    verdict = "fine" if by_chance or share <= FINE else "marginal" if share <= MARGINAL else "broken"
+    return Finding(name, axis, share, 0.0, FINE, probability, math.nan, verdict, SOURCE, sentence)
+
+
+def weigh(
+    r: Array,
+    variances: Array,
+    nis: Array,
+    components: Array,
+    axes: Sequence[str],
+    *,
+    unit: str = "",
+    probability: float = 0.01,
+    gate: float = 0.0,
+    along: Array | None = None,
+) -> tuple[Finding, ...]:
+    """Weigh the departures of one sensor's innovations, in time order; none where there are fewer than FEWEST.
+
+    r, variances: (n, m), NaN in r where a component is missing; nis, components: (n,), of each measurement. axes: m names; unit: of r, for
+    the sentences. probability: that a right filter shows any departure by chance, shared out evenly; gate: as of `consistency`.
+    along: (n,) which measurements are judged by axis too (all, if not given): means and correlations say nothing of errors that the filter
+    itself takes for lasting ones.
+    """
+    n, m = r.shape
+    if n < FEWEST:
+        return ()
+    level = probability / (3 + 2 * m)
+    size = max(1, round(float(components.mean())))
+    found = [_size(nis, components, size, level, gate), _coverage(nis, components, level), _growth(r, variances, nis, components, level)]
+    for a, axis in enumerate(axes):
+        there = np.isfinite(r[:, a]) if along is None else np.isfinite(r[:, a]) & along
+        if np.count_nonzero(there) >= FEWEST:
+            found += _of_axis(r[there, a], variances[there, a], axis, unit, level)
+    return tuple(found)
+
+
+def _size(nis: Array, components: Array, size: int, level: float, gate: float) -> Finding:
+    degrees = int(components.sum())
+    ratio = float(nis.sum()) / degrees / consistency.expected_in_gate(size, gate)
+    by_chance = ratio <= ratio_bound(degrees, level)
+    if ratio > 1.0:
+        sentence = f"scatters {math.sqrt(ratio):.2g} times as much as the filter allows for"
+    else:
+        sentence = f"scatters {math.sqrt(ratio):.2g} times as much as the filter allows for: sigma is on the safe side"
+    return _finding("size", "", share_of_scale(ratio, size), level, by_chance, sentence)
+
+
+def _coverage(nis: Array, components: Array, level: float) -> Finding:
+    n = len(nis)
+    limits = np.array([math.inf, *(_region(k) for k in range(1, int(components.max()) + 1))])
+    outside = int(np.count_nonzero(nis > limits[components]))
+    by_chance = outside <= NOMINAL * n or distributions.binomial_survival(outside, n, NOMINAL) > level
+    sentence = f"has outliers: {100.0 * outside / n:.2g} % lie outside the region of 95 %"
+    return _finding("coverage", "", outside / n, level, by_chance, sentence)
+
+
+def _growth(r: Array, variances: Array, nis: Array, components: Array, level: float) -> Finding:
+    half = len(nis) // 2
+    early, late = (float(nis[part].sum() / components[part].sum()) for part in (slice(half), slice(half, None)))
+    degrees = int(components[:half].sum()), int(components[half:].sum())
+    # both halves vary: the logarithm of their ratio has the variance 2/d + 2/d
+    bound = math.exp(_normal_bound(level) * math.sqrt(2.0 / degrees[0] + 2.0 / degrees[1]))
+    typical = np.nanmean(variances, axis=0)
+    surer = np.nanmean(variances[half:] / typical) <= np.nanmean(variances[:half] / typical)
+    by_chance = not (surer and late > early * bound)
+    sentence = f"diverges: from the first half to the second its squares grew from {early:.2g} to {late:.2g} times what the filter says, which grew no less sure"
+    return _finding("growth", "", share_of_scale(late), level, by_chance, sentence)
+
+
+def _of_axis(r: Array, variances: Array, axis: str, unit: str, level: float) -> list[Finding]:
+    u = r / np.sqrt(variances)
+    n = len(u)
+    of_long_run, error = long_run_variance(u[:, None])
+    long_run, mean = float(of_long_run[0]), float(u.mean())
+    along = f" along {axis}" if axis else ""
+    times = math.sqrt(max(long_run, 0.0))
+    lasting = _finding(
+        "lasting",
+        axis,
+        share_of_scale(long_run),
+        level,
+        long_run <= 1.0 + _normal_bound(level) * error,
+        f"has errors{along} that last longer than the filter allows for: the mean of many scatters {times:.2g} times as much",
+    )
+    spread = math.sqrt(max(long_run, float(u.var())) / n)
+    biased = _finding(
+        "mean",
+        axis,
+        share_of_mean(mean),
+        level,
+        abs(mean) <= _normal_bound(0.5 * level) * spread,
+        f"is off{along} by {float(r.mean()):+.2g}{' ' + unit if unit else ''} in the mean, {abs(mean):.2g} of its sigma",
+    )
+    return [lasting, biased]
