@@ -69,7 +69,7 @@ _SCATTER = {
 _LAST = {
     Sensor.GNSS_POSITION: "errors of the receiver that linger (multipath, few satellites), or a wrong delay (vehicle.gnss_delay_s)",
     Sensor.GNSS_VELOCITY: "a wrong delay (vehicle.gnss_delay_s), a velocity that the receiver smooths, or an IMU that is off",
-    Sensor.MAGNETOMETER: "a field of the vehicle that changes with its motors or its attitude: calibrate the compass, move it away from currents",
+    Sensor.MAGNETOMETER: "a field of the vehicle that changes with motors or attitude: calibrate the compass, move it away from currents",
     Sensor.BAROMETER: "wind or rotor wash at its port that changes with speed, or a delay (vehicle.barometer_delay_s)",
     Sensor.GNSS_YAW: "the two antennas are not mounted along the body, or multipath",
 }

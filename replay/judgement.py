@@ -142,9 +142,13 @@ def _judge(found: Innovations, imu_rate_hz: float, details: bool) -> Judgement:
         else ()
     )
     verdict = max((finding.verdict for finding in consequences), key=GRADES.index, default="unknown")
-    told = [f for f in consequences if f.verdict == "broken" and f.value > (TOLD_LASTING if f.name == "lasting" else TOLD)]
+    told = [
+        f for f in consequences if f.verdict == "broken" and f.value > (TOLD_LASTING if f.name == "lasting" else TOLD)
+    ]
     worst = max(told, key=lambda finding: finding.value, default=None)
-    sentence = None if worst is None else f"{found.name} {worst.sentence}: {advice(found.sensor, worst.name, imu_rate_hz)}"
+    sentence = (
+        None if worst is None else f"{found.name} {worst.sentence}: {advice(found.sensor, worst.name, imu_rate_hz)}"
+    )
     return Judgement(
         found.name, found.source.name, len(r), int(np.sum(~found.fused)), verdict, sentence, consequences, findings
     )

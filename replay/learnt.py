@@ -1,4 +1,4 @@
-"""What the filter has learnt of slow errors in a flight, against what it was told to expect: a wrong delay, a bias, a noise that is no such.
+"""What the filter has learnt of slow errors in a flight, against what it was told to expect: a wrong delay, a bias, a wrong noise.
 
 An estimated error is weighed by its prior: the sigma it began with and the walk it was allowed since, and what is uncertain about it now.
 One that is more than BOUND of those away was not to be expected.
@@ -111,8 +111,6 @@ def _noise(session: SessionResult) -> list[Learnt]:
         factor = math.sqrt(max(scale, 0.0))
         sentence = None
         if scale >= AT_LIMIT * MOST_SCALE:
-            sentence = (
-                f"{sensor} noise learnt as {factor:.0f} times {setting}, the most it is let grow: set {setting} to what it is"
-            )
+            sentence = f"{sensor} noise learnt as {factor:.0f} times {setting}, the most it is let grow: set {setting} to what it is"
         found.append(Learnt(f"{sensor} noise", f"times {setting}", factor, math.nan, 1.0, sentence))
     return found

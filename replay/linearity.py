@@ -3,7 +3,8 @@
 Hessians are finite differences of the compiled Jacobians on the manifold: along a turn by theta the second derivative of h is theta' h''
 theta, so the symmetric part of what is found is h''. Every product of errors in these models has a turn or the delay as a factor, so
 those four are enough to differentiate by. P is that of the pose (attitude with position, and velocity), and what the session ended with
-for the slow errors; correlations between these parts are not in a pose row and are left out. S is that of the newest innovation.
+for the slow errors; correlations between these parts are not in a pose row and are left out. S is that of the newest innovation; a prediction's is what becomes
+of P without the noise of the IMU, so a slow IMU, whose noise is most of it, has no finding.
 """
 
 from collections.abc import Callable, Iterator
@@ -38,10 +39,11 @@ from mavkf.navigation.codes import Sensor
 from mavkf.replay.run import SessionResult
 
 Array = NDArray[np.float64]
-SAMPLES = 8  # states of a session
+SAMPLES = 8  # states of a session, evenly spread
 TURNS = tuple(range(THETA, THETA + 3))
 STEP = {**dict.fromkeys(TURNS, 1e-4), DDELAY: 1e-3}  # rad, s
 LONGEST = 1.0  # s that a prediction is taken over
+BASE = 1.0  # s that an acceleration is taken over
 
 
 def judge_linearity(session: SessionResult) -> dict[str, Finding]:
@@ -50,7 +52,8 @@ def judge_linearity(session: SessionResult) -> dict[str, Finding]:
     for name, share in _shares(session):
         shares.setdefault(name, []).append(share)
     return {
-        name: judge(np.array(found), "prediction" if name == "prediction" else "measurement") for name, found in shares.items()
+        name: judge(np.array(found), "prediction" if name == "prediction" else "measurement")
+        for name, found in shares.items()
     }
 
 
@@ -74,8 +77,8 @@ def hessians(jacobian: Callable[[Array], Array], x: Array, by: tuple[int, ...]) 
 
 def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
     poses = session.output.poses
-    known = np.isfinite(poses[:, [L.R_LATITUDE, L.R_V, L.R_Q, L.R_RATE]]).all(axis=1)
-    rows = np.flatnonzero(known[1:] & known[:-1]) + 1
+    known = np.all(np.isfinite(poses[:, [L.R_LATITUDE, L.R_V, L.R_Q, L.R_RATE]]), axis=1)
+    rows = np.flatnonzero(known)
     if not len(rows):
         return
     innovations = {
@@ -84,12 +87,9 @@ def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
     }
     fixes = innovations[Sensor.GNSS_POSITION][:, L.I_TIME]
     dt = min(float(np.median(np.diff(fixes))), LONGEST) if len(fixes) > 1 else LONGEST
-    # more of the beginning, where little is known yet
-    for i in rows[np.unique((np.linspace(0.0, 1.0, SAMPLES) ** 2 * (len(rows) - 1)).astype(int))]:
+    for i in rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLES).astype(int))]:
         x, P = _state(session, poses[i])
-        a = (poses[i, L.R_V : L.R_V + 3] - poses[i - 1, L.R_V : L.R_V + 3]) / max(
-            poses[i, L.R_TIME] - poses[i - 1, L.R_TIME], 1e-3
-        )
+        a = _acceleration(poses[known], poses[i, L.R_TIME])
         for sensor, jacobian in _measurements(a, poses[i, L.R_RATE : L.R_RATE + 3], len(P)).items():
             mine = innovations[sensor]
             k = int(np.searchsorted(mine[:, L.I_TIME], poses[i, L.R_TIME], side="right")) - 1
@@ -98,10 +98,18 @@ def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
                 S = mine[k, L.I_S : L.I_S + m * m].reshape(m, m)
                 if np.isfinite(S).all() and np.linalg.eigvalsh(S)[0] > 0.0:
                     yield sensor.name.lower(), outside(hessians(jacobian, x, (*TURNS, DDELAY))[:m], P, S)
-        if poses[i, L.R_MODEL] == L.STRAPDOWN:
+        if poses[i, L.R_MODEL] == L.STRAPDOWN and session.state[L.PERIOD] <= L.SLOW:
             move = _prediction(x, a, poses[i, L.R_RATE : L.R_RATE + 3], dt)
             F, known_P = move(x), P[:TOP, :TOP]
             yield "prediction", outside(hessians(move, x, TURNS), known_P, F @ known_P @ F.T)
+
+
+def _acceleration(poses: Array, t: float) -> Array:
+    """(3,) m/s^2 in n, mean over BASE about t: from one pose to the next it would be what a fix has corrected."""
+    first, last = np.clip(np.searchsorted(poses[:, L.R_TIME], (t - 0.5 * BASE, t + 0.5 * BASE)), 0, len(poses) - 1)
+    dt = poses[last, L.R_TIME] - poses[first, L.R_TIME]
+    dv = poses[last, L.R_V : L.R_V + 3] - poses[first, L.R_V : L.R_V + 3]
+    return np.asarray(dv / dt if dt > 0.0 else np.zeros(3))
 
 
 def _state(session: SessionResult, row: Array) -> tuple[Array, Array]:

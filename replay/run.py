@@ -236,4 +236,6 @@ def _as_live(
             end = ends[session]
             assert end.setup is not None
             counts = state_counts(end)
-            yield SessionResult(name, session, end.setup, mine, joined(outputs[session]), counts, end.state, end.parameters)
+            yield SessionResult(
+                name, session, end.setup, mine, joined(outputs[session]), counts, end.state, end.parameters
+            )

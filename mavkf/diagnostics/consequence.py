@@ -73,8 +73,10 @@ def long_run_variance(v: Array) -> tuple[Array, float]:
     return total / n, math.sqrt(4.0 * (lags + 1.0) / (3.0 * n))
 
 
-def _finding(name: str, axis: str, share: float, probability: float, by_chance: bool, sentence: str) -> Finding:
+def _finding(name: str, axis: str, share: float, probability: float, by_chance: bool, fine: str, said: str) -> Finding:
+    """fine, said: the sentence where it costs nothing, and where it does."""
     verdict = "fine" if by_chance or share <= FINE else "marginal" if share <= MARGINAL else "broken"
+    sentence = fine if verdict == "fine" else said
     return Finding(name, axis, share, 0.0, FINE, probability, math.nan, verdict, SOURCE, sentence)
 
 
@@ -102,7 +104,11 @@ def weigh(
         return ()
     level = probability / (3 + 2 * m)
     size = max(1, round(float(components.mean())))
-    found = [_size(nis, components, size, level, gate), _coverage(nis, components, level), _growth(r, variances, nis, components, level)]
+    found = [
+        _size(nis, components, size, level, gate),
+        _coverage(nis, components, level),
+        _growth(r, variances, nis, components, level),
+    ]
     for a, axis in enumerate(axes):
         there = np.isfinite(r[:, a]) if along is None else np.isfinite(r[:, a]) & along
         if np.count_nonzero(there) >= FEWEST:
@@ -114,11 +120,8 @@ def _size(nis: Array, components: Array, size: int, level: float, gate: float) -
     degrees = int(components.sum())
     ratio = float(nis.sum()) / degrees / consistency.expected_in_gate(size, gate)
     by_chance = ratio <= ratio_bound(degrees, level)
-    if ratio > 1.0:
-        sentence = f"scatters {math.sqrt(ratio):.2g} times as much as the filter allows for"
-    else:
-        sentence = f"scatters {math.sqrt(ratio):.2g} times as much as the filter allows for: sigma is on the safe side"
-    return _finding("size", "", share_of_scale(ratio, size), level, by_chance, sentence)
+    sentence = f"scatters {math.sqrt(ratio):.2g} times as much as the filter allows for"
+    return _finding("size", "", share_of_scale(ratio, size), level, by_chance, sentence, sentence)
 
 
 def _coverage(nis: Array, components: Array, level: float) -> Finding:
@@ -126,8 +129,8 @@ def _coverage(nis: Array, components: Array, level: float) -> Finding:
     limits = np.array([math.inf, *(_region(k) for k in range(1, int(components.max()) + 1))])
     outside = int(np.count_nonzero(nis > limits[components]))
     by_chance = outside <= NOMINAL * n or distributions.binomial_survival(outside, n, NOMINAL) > level
-    sentence = f"has outliers: {100.0 * outside / n:.2g} % lie outside the region of 95 %"
-    return _finding("coverage", "", outside / n, level, by_chance, sentence)
+    numbers = f"{100.0 * outside / n:.2g} % lie outside the region of 95 %"
+    return _finding("coverage", "", outside / n, level, by_chance, numbers, f"has outliers: {numbers}")
 
 
 def _growth(r: Array, variances: Array, nis: Array, components: Array, level: float) -> Finding:
@@ -136,35 +139,39 @@ def _growth(r: Array, variances: Array, nis: Array, components: Array, level: fl
     degrees = int(components[:half].sum()), int(components[half:].sum())
     # both halves vary: the logarithm of their ratio has the variance 2/d + 2/d
     bound = math.exp(_normal_bound(level) * math.sqrt(2.0 / degrees[0] + 2.0 / degrees[1]))
-    typical = np.nanmean(variances, axis=0)
-    surer = np.nanmean(variances[half:] / typical) <= np.nanmean(variances[:half] / typical)
-    by_chance = not (surer and late > early * bound)
-    sentence = f"diverges: from the first half to the second its squares grew from {early:.2g} to {late:.2g} times what the filter says, which grew no less sure"
-    return _finding("growth", "", share_of_scale(late), level, by_chance, sentence)
+    variances = np.where(np.isfinite(r), variances, np.nan)
+    by_axis = variances[:, np.isfinite(variances).any(axis=0)]
+    by_axis = by_axis / np.nanmean(by_axis, axis=0)
+    surer = bool(np.nanmean(by_axis[half:]) <= np.nanmean(by_axis[:half]))
+    halves = f"its squares were {early:.2g} times what the filter says in the first half and {late:.2g} in the second"
+    return _finding(
+        "growth",
+        "",
+        share_of_scale(late),
+        level,
+        not (surer and late > early * bound),
+        f"does not diverge: {halves}",
+        f"diverges: {halves}, and the filter grew surer",
+    )
 
 
 def _of_axis(r: Array, variances: Array, axis: str, unit: str, level: float) -> list[Finding]:
     u = r / np.sqrt(variances)
-    n = len(u)
     of_long_run, error = long_run_variance(u[:, None])
     long_run, mean = float(of_long_run[0]), float(u.mean())
     along = f" along {axis}" if axis else ""
-    times = math.sqrt(max(long_run, 0.0))
+    times = f"{math.sqrt(max(long_run, 0.0)):.2g} times as much"
     lasting = _finding(
         "lasting",
         axis,
         share_of_scale(long_run),
         level,
         long_run <= 1.0 + _normal_bound(level) * error,
-        f"has errors{along} that last longer than the filter allows for: the mean of many scatters {times:.2g} times as much",
+        f"the mean of many{along} scatters {times} as the filter allows for",
+        f"has errors{along} that last longer than the filter allows for: the mean of many scatters {times}",
     )
-    spread = math.sqrt(max(long_run, float(u.var())) / n)
-    biased = _finding(
-        "mean",
-        axis,
-        share_of_mean(mean),
-        level,
-        abs(mean) <= _normal_bound(0.5 * level) * spread,
-        f"is off{along} by {float(r.mean()):+.2g}{' ' + unit if unit else ''} in the mean, {abs(mean):.2g} of its sigma",
-    )
+    spread = math.sqrt(max(long_run, float(u.var())) / len(u))
+    size = f"{float(r.mean()):+.2g}{' ' + unit if unit else ''} in the mean, {abs(mean):.2g} of its sigma"
+    by_chance = abs(mean) <= _normal_bound(0.5 * level) * spread
+    biased = _finding("mean", axis, share_of_mean(mean), level, by_chance, f"{size}{along}", f"is off{along} by {size}")
     return [lasting, biased]
