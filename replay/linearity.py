@@ -3,8 +3,8 @@
 Hessians are finite differences of the compiled Jacobians on the manifold: along a turn by theta the second derivative of h is theta' h''
 theta, so the symmetric part of what is found is h''. Every product of errors in these models has a turn or the delay as a factor, so
 those four are enough to differentiate by. P is that of the pose (attitude with position, and velocity), and what the session ended with
-for the slow errors; correlations between these parts are not in a pose row and are left out. S is that of the newest innovation; a prediction's is what becomes
-of P without the noise of the IMU, so a slow IMU, whose noise is most of it, has no finding.
+for the slow errors; correlations between these parts are not in a pose row and are left out. S is that of the newest innovation; a
+prediction's is what becomes of P without the noise of the IMU, so a slow IMU, whose noise is most of it, has no finding.
 """
 
 from collections.abc import Callable, Iterator
@@ -85,11 +85,12 @@ def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
         sensor: session.output.innovations[session.output.innovations[:, L.I_SENSOR] == sensor]
         for sensor in (Sensor.GNSS_POSITION, Sensor.GNSS_VELOCITY, Sensor.MAGNETOMETER)
     }
+    moving = poses[known]
     fixes = innovations[Sensor.GNSS_POSITION][:, L.I_TIME]
     dt = min(float(np.median(np.diff(fixes))), LONGEST) if len(fixes) > 1 else LONGEST
     for i in rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLES).astype(int))]:
         x, P = _state(session, poses[i])
-        a = _acceleration(poses[known], poses[i, L.R_TIME])
+        a = _acceleration(moving, poses[i, L.R_TIME])
         for sensor, jacobian in _measurements(a, poses[i, L.R_RATE : L.R_RATE + 3], len(P)).items():
             mine = innovations[sensor]
             k = int(np.searchsorted(mine[:, L.I_TIME], poses[i, L.R_TIME], side="right")) - 1

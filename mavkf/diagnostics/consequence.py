@@ -19,7 +19,7 @@ of Sciences 17, 1931).
 
 import math
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -38,6 +38,9 @@ HALF_WIDTH = NormalDist().inv_cdf(1.0 - 0.5 * NOMINAL)
 @cache
 def _region(components: int) -> float:
     return distributions.chi_square_quantile(1.0 - NOMINAL, components)
+
+
+_expected_in_gate = lru_cache(64)(consistency.expected_in_gate)
 
 
 @cache
@@ -62,14 +65,14 @@ def ratio_bound(degrees: int, probability: float) -> float:
     return max(1.0 - part + _normal_bound(probability) * math.sqrt(part), 0.0) ** 3
 
 
-def long_run_variance(v: Array) -> tuple[Array, float]:
-    """Of the columns of v (n, m) about their means, by Bartlett's weights over LAGS lags; and the relative error of it."""
+def long_run_variance(v: Array) -> tuple[float, float]:
+    """Of v (n,) about its mean, by Bartlett's weights over LAGS lags; and the relative error of it where v is white."""
     n = len(v)
     lags = max(1, min(LAGS, n // 4))
-    v = v - v.mean(axis=0)
-    total = np.einsum("ij,ij->j", v, v)
+    v = v - v.mean()
+    total = float(v @ v)
     for k in range(1, lags + 1):
-        total = total + 2.0 * (1.0 - k / (lags + 1.0)) * np.einsum("ij,ij->j", v[k:], v[:-k])
+        total += 2.0 * (1.0 - k / (lags + 1.0)) * float(v[k:] @ v[:-k])
     return total / n, math.sqrt(4.0 * (lags + 1.0) / (3.0 * n))
 
 
@@ -118,7 +121,7 @@ def weigh(
 
 def _size(nis: Array, components: Array, size: int, level: float, gate: float) -> Finding:
     degrees = int(components.sum())
-    ratio = float(nis.sum()) / degrees / consistency.expected_in_gate(size, gate)
+    ratio = float(nis.sum()) / degrees / _expected_in_gate(size, gate)
     by_chance = ratio <= ratio_bound(degrees, level)
     sentence = f"scatters {math.sqrt(ratio):.2g} times as much as the filter allows for"
     return _finding("size", "", share_of_scale(ratio, size), level, by_chance, sentence, sentence)
@@ -139,10 +142,11 @@ def _growth(r: Array, variances: Array, nis: Array, components: Array, level: fl
     degrees = int(components[:half].sum()), int(components[half:].sum())
     # both halves vary: the logarithm of their ratio has the variance 2/d + 2/d
     bound = math.exp(_normal_bound(level) * math.sqrt(2.0 / degrees[0] + 2.0 / degrees[1]))
-    variances = np.where(np.isfinite(r), variances, np.nan)
-    by_axis = variances[:, np.isfinite(variances).any(axis=0)]
-    by_axis = by_axis / np.nanmean(by_axis, axis=0)
-    surer = bool(np.nanmean(by_axis[half:]) <= np.nanmean(by_axis[:half]))
+    there = np.isfinite(r)
+    variances = np.where(there, variances, 0.0)
+    typical = variances.sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    by_axis = (variances / np.where(typical > 0.0, typical, 1.0)).sum(axis=1)
+    surer = bool(by_axis[half:].sum() / degrees[1] <= by_axis[:half].sum() / degrees[0])
     halves = f"its squares were {early:.2g} times what the filter says in the first half and {late:.2g} in the second"
     return _finding(
         "growth",
@@ -157,8 +161,8 @@ def _growth(r: Array, variances: Array, nis: Array, components: Array, level: fl
 
 def _of_axis(r: Array, variances: Array, axis: str, unit: str, level: float) -> list[Finding]:
     u = r / np.sqrt(variances)
-    of_long_run, error = long_run_variance(u[:, None])
-    long_run, mean = float(of_long_run[0]), float(u.mean())
+    long_run, error = long_run_variance(u)
+    mean = float(u.mean())
     along = f" along {axis}" if axis else ""
     times = f"{math.sqrt(max(long_run, 0.0)):.2g} times as much"
     lasting = _finding(
