@@ -67,16 +67,20 @@ _SCATTER = {
     Sensor.REST_RATE: "the vehicle is not as still as it seems",
 }
 _LAST = {
-    Sensor.GNSS_POSITION: "errors of the receiver that linger (multipath, few satellites), or a wrong delay (vehicle.gnss_delay_s)",
-    Sensor.GNSS_VELOCITY: "a wrong delay (vehicle.gnss_delay_s), a velocity that the receiver smooths, or an IMU that is off",
-    Sensor.MAGNETOMETER: "a field of the vehicle that changes with motors or attitude: calibrate the compass, move it away from currents",
-    Sensor.BAROMETER: "wind or rotor wash at its port that changes with speed, or a delay (vehicle.barometer_delay_s)",
+    Sensor.GNSS_POSITION: "errors of the receiver that linger (multipath, few satellites; noise.gnss_colour), or a wrong "
+    "vehicle.gnss_delay_s",
+    Sensor.GNSS_VELOCITY: "a wrong vehicle.gnss_delay_s, a velocity that the receiver smooths, or an IMU that is off",
+    Sensor.MAGNETOMETER: "a field of the vehicle that changes with motors or attitude (calibrate the compass, move it away from "
+    "currents), or noise.magnetometer_t is too small",
+    Sensor.BAROMETER: "wind or rotor wash at its port that changes with speed, or a wrong vehicle.barometer_delay_s",
     Sensor.GNSS_YAW: "the two antennas are not mounted along the body, or multipath",
 }
 
 
 def advice(sensor: Sensor, kind: str, imu_rate_hz: float) -> str:
     """What to look at. sensor: its innovations; kind: name of a finding of `diagnostics.consequence`; imu_rate_hz: of the IMU in use."""
+    if kind == "refused":
+        return "it contradicts the other sensors, or is given too little noise; the events say when"
     slow = f"the IMU at {imu_rate_hz:.2g} Hz does not show the motion between them: send it faster"
     if kind in ("lasting", "mean"):
         if sensor in (Sensor.GNSS_POSITION, Sensor.GNSS_VELOCITY) and 0.0 < imu_rate_hz < SLOW_IMU_HZ:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.diagnostics import Finding, distributions
-from mavkf.diagnostics.consequence import weigh
+from mavkf.diagnostics.consequence import FEWEST, weigh, weigh_refusals
 from mavkf.diagnostics.linearisation import MARGINAL
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
@@ -82,13 +82,17 @@ class Innovations:
         return r, S
 
     def consequences(self) -> tuple[Finding, ...]:
-        """What departures of those that were fused cost, in the units of people."""
+        """What refusals, and departures of those that were fused, cost, in the units of people; none where there are too few."""
         used = self.fused
-        if not used.any():
+        count = int(np.count_nonzero(used))
+        if len(used) < FEWEST:
             return ()
+        refusals = weigh_refusals(len(used) - count, len(used), PROBABILITY, self.gate)
+        if not count:
+            return (refusals,)
         r, S = self.vectors()
         unit, scale = UNITS[self.sensor]
-        return weigh(
+        departures = weigh(
             scale * r[used],
             scale**2 * np.diagonal(S[used], axis1=1, axis2=2),
             self.rows[used, L.I_NIS],
@@ -99,6 +103,7 @@ class Innovations:
             gate=self.gate,
             along=self.along[used],
         )
+        return (refusals, *departures)
 
     def sentence(self, consequences: tuple[Finding, ...], imu_rate_hz: float) -> str | None:
         """The worst of them as one sentence with what to look at, None where people need not be told."""

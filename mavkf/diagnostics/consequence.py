@@ -5,6 +5,7 @@ show (noise floors, coloured errors as states) has innovations that are too smal
 counts where it is more than chance and puts more than 5 % outside. The limits are those of `linearisation`: fine to 6 %, marginal to
 10 %, broken beyond. What makes innovations smaller than claimed puts fewer outside, and is fine here.
 
+    refused    the share that the gate, or a suspicion, kept out: all of them lie outside
     size       mean NIS by component, k times what it should be: measurements scatter by sqrt(k)
     coverage   the share itself, as counted: outliers
     lasting    the long-run variance of an axis, c_0 + 2 sum w_j c_j (Newey and West, "A Simple, Positive Semi-Definite, Heteroskedasticity
@@ -117,6 +118,16 @@ def weigh(
         if np.count_nonzero(there) >= FEWEST:
             found += _of_axis(r[there, a], variances[there, a], axis, unit, level)
     return tuple(found)
+
+
+def weigh_refusals(refused: int, count: int, probability: float = 0.01, gate: float = 0.0) -> Finding:
+    """Weigh how many of all measurements were not used; arguments as of `weigh`."""
+    share = refused / count if count else 0.0
+    by_chance = count < FEWEST or distributions.binomial_survival(refused, count, gate) > probability
+    numbers = f"{100.0 * share:.2g} % of {count}"
+    return _finding(
+        "refused", "", share, probability, by_chance, f"{numbers} were refused", f"is refused: {numbers} were not used"
+    )
 
 
 def _size(nis: Array, components: Array, size: int, level: float, gate: float) -> Finding:
