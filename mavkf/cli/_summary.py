@@ -65,11 +65,7 @@ def _session(line: Any, session: dict[str, Any]) -> None:
     for name, found in session["sensors"].items():
         nis = "" if found["nis"] is None else f"{found['nis']:8.3f}"
         line(f"  {name:<16}{found['count'] - found['refused']:>8}{found['refused']:>9}{nis:>8}")
-    said = session["diagnosis"]["said"]
-    for sentence in said:
-        line(f"  ! {sentence}")
-    if session["sensors"] and not said:
-        line("  innovations: none of them speaks against the filter")
+    _diagnosis(line, session["diagnosis"])
     coverage = session["coverage"]
     if coverage["tilt"] is not None:
         line("  valid: " + ", ".join(f"{name} {share:.1%}" for name, share in coverage.items()) + " of the time")
@@ -82,6 +78,18 @@ def _session(line: Any, session: dict[str, Any]) -> None:
     more = len(told) - MOST_EVENTS
     if more > 0:
         line(f"  ... and {more} more events (all of them by --json)")
+
+
+def _diagnosis(line: Any, diagnosis: dict[str, Any]) -> None:
+    for sentence in diagnosis["said"]:
+        line(f"  ! {sentence}")
+    verdicts = {name: sensor["verdict"] for name, sensor in diagnosis["sensors"].items()}
+    if not diagnosis["said"] and any(verdict != "unknown" for verdict in verdicts.values()):
+        marginal = ", ".join(name for name, verdict in verdicts.items() if verdict not in ("fine", "unknown"))
+        line(
+            "  diagnosis: nothing speaks against the filter"
+            + (f"; marginal: {marginal} (--diagnose)" if marginal else "")
+        )
 
 
 def _end(line: Any, end: dict[str, Any]) -> None:

@@ -54,7 +54,7 @@ def test_an_honest_flight_has_nothing_said_of_it(honest: SessionResult) -> None:
     ("settings", "expected"),
     [
         (["noise.gnss_colour=0"], ["gnss_position is refused", "or is given too little noise"]),
-        (["noise.magnetometer_t=5e-9"], ["magnetometer", "noise.magnetometer_t is too small"]),
+        (["noise.magnetometer_t=3e-8"], ["magnetometer has outliers", "magnetometer noise learnt as 5 times"]),
         (["vehicle.gnss_delay_s=0.4"], ["GNSS delay learnt as -0.", "set vehicle.gnss_delay_s=0.1"]),
         (
             ["vehicle.gnss_delay_s=0.4", "noise.gnss_delay_initial_s=0"],
@@ -98,7 +98,7 @@ def test_details_are_all_findings_and_plain_values(honest: SessionResult) -> Non
 def test_people_read_one_line_and_all_findings_if_they_ask(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(log)]) == 0
     short = capsys.readouterr().out
-    assert "innovations: none of them speaks against the filter" in short
+    assert "diagnosis: nothing speaks against the filter" in short
     assert "Ljung-Box" not in short
     assert main(["replay", str(log), "--diagnose", "--set", "vehicle.gnss_delay_s=0.4"]) == 0
     long = capsys.readouterr().out
