@@ -14,7 +14,7 @@ from mavkf.config import Config, with_settings
 from mavkf.models.strapdown import DDELAY, DGNSS, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
-from mavkf.replay import judgement, linearity
+from mavkf.replay import judgement, linearity, plot
 from mavkf.replay.diagnosis import diagnose
 from mavkf.replay.faults import parse_fault
 from mavkf.replay.innovations import of_one
@@ -105,6 +105,20 @@ def test_people_read_one_line_and_all_findings_if_they_ask(log: Path, capsys: py
     assert "  ! GNSS delay learnt" in long
     for part in ("Ljung-Box north", "cumulative periodogram", "normality", "condition of P", "prediction"):
         assert part in long
+
+
+def test_the_plot_shows_how_innovations_correlate(honest: SessionResult) -> None:
+    figure = pytest.importorskip("matplotlib.figure")
+    axes = figure.Figure().add_subplot()
+    plot._correlations(axes, honest.output.innovations, Sensor.GNSS_POSITION)
+    lines = axes.get_lines()
+    assert [line.get_label() for line in lines] == ["north", "east", "down"]
+    used = honest.output.innovations[honest.output.innovations[:, L.I_SENSOR] == Sensor.GNSS_POSITION]
+    down = used[:, L.I_R + 2] / np.sqrt(used[:, L.I_S + 8])
+    assert lines[2].get_ydata()[0] == pytest.approx(np.corrcoef(down[1:], down[:-1])[0, 1], abs=0.01)
+    nothing = figure.Figure().add_subplot()
+    plot._correlations(nothing, honest.output.innovations[:0], Sensor.GNSS_POSITION)
+    assert not nothing.get_lines()
 
 
 def rows(sensor: Sensor, source: Source, size: int, count: int, **r: float) -> Any:

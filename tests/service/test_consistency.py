@@ -73,11 +73,15 @@ def test_what_is_older_than_the_window_is_forgotten() -> None:
 
 def test_refused_ones_without_a_nis_are_counted() -> None:
     rows = innovations(0.0, 30)
-    rows[1::2, L.I_FUSED], rows[1::2, L.I_NIS] = 0.0, np.nan
+    rows[1::4, L.I_FUSED], rows[1::4, L.I_NIS] = 0.0, np.nan
+    rows[0::2, L.I_FUSED] = 0.0
     recent = RecentInnovations()
     recent.take(rows)
-    found = recent.report(3.0, 5.0, MAIN, 100.0)["barometer"]
-    assert (found.count, found.refused, found.nis) == (0, 30, None)
+    found = recent.report(3.0, 5.0, MAIN, 100.0)
+    assert (found["gnss_position"].count, found["gnss_position"].refused, found["gnss_position"].nis) == (0, 30, None)
+    assert (found["barometer"].count, found["barometer"].refused) == (15, 15)
+    assert found["barometer"].nis is not None
+    assert 0.3 < found["barometer"].nis < 2.5
 
 
 def test_a_flood_is_bounded() -> None:
