@@ -15,7 +15,7 @@ from mavkf.replay.innovations import PROBABILITY, Innovations, by_sensor
 from mavkf.replay.run import SessionResult
 
 Array = NDArray[np.float64]
-MOST, STRETCHES = 20_000, 20
+MOST, STRETCHES = 10_000, 20  # beyond that BLAS would start threads for each sum
 GRADES = ("fine", "marginal", "broken")
 
 

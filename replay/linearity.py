@@ -85,7 +85,7 @@ def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
         sensor: session.output.innovations[session.output.innovations[:, L.I_SENSOR] == sensor]
         for sensor in (Sensor.GNSS_POSITION, Sensor.GNSS_VELOCITY, Sensor.MAGNETOMETER)
     }
-    moving = poses[known]
+    moving = poses[np.ix_(known, [L.R_TIME, L.R_V, L.R_V + 1, L.R_V + 2])]
     fixes = innovations[Sensor.GNSS_POSITION][:, L.I_TIME]
     dt = min(float(np.median(np.diff(fixes))), LONGEST) if len(fixes) > 1 else LONGEST
     for i in rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLES).astype(int))]:
@@ -105,12 +105,14 @@ def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
             yield "prediction", outside(hessians(move, x, TURNS), known_P, F @ known_P @ F.T)
 
 
-def _acceleration(poses: Array, t: float) -> Array:
-    """(3,) m/s^2 in n, mean over BASE about t: from one pose to the next it would be what a fix has corrected."""
-    first, last = np.clip(np.searchsorted(poses[:, L.R_TIME], (t - 0.5 * BASE, t + 0.5 * BASE)), 0, len(poses) - 1)
-    dt = poses[last, L.R_TIME] - poses[first, L.R_TIME]
-    dv = poses[last, L.R_V : L.R_V + 3] - poses[first, L.R_V : L.R_V + 3]
-    return np.asarray(dv / dt if dt > 0.0 else np.zeros(3))
+def _acceleration(moving: Array, t: float) -> Array:
+    """(3,) m/s^2 in n, mean over BASE about t: from one pose to the next it would be what a fix has corrected.
+
+    moving: (n, 4) time, s, and velocity in n, m/s.
+    """
+    first, last = np.clip(np.searchsorted(moving[:, 0], (t - 0.5 * BASE, t + 0.5 * BASE)), 0, len(moving) - 1)
+    change = moving[last] - moving[first]
+    return np.asarray(change[1:] / change[0] if change[0] > 0.0 else np.zeros(3))
 
 
 def _state(session: SessionResult, row: Array) -> tuple[Array, Array]:
