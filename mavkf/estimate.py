@@ -140,6 +140,21 @@ class Pose(Head, frozen=True, kw_only=True):
     flags: tuple[str, ...] = ()
 
 
+class Consistency(Struct, frozen=True, kw_only=True):
+    """What a sensor's innovations of the last minute say of it and of the filter: the newest 256 at most.
+
+    count: that were fused.
+    refused: that were not.
+    nis: their mean NIS for each degree of freedom: 1 where errors are as large as the filter says, None where none was fused.
+    sentence: the worst that is wrong; None where nothing is, or where there is too little to tell. Judged every few seconds.
+    """
+
+    count: int
+    refused: int
+    nis: float | None = None
+    sentence: str | None = None
+
+
 class Status(Head, frozen=True, kw_only=True):
     """How the estimator and its inputs are doing.
 
@@ -148,6 +163,7 @@ class Status(Head, frozen=True, kw_only=True):
     rates_hz: by input or output, per second.
     counts: since the session began: lost, late, corrupt, refused, published, ...
     age_s: by sensor, seconds of boot time since its last sample; None if it never sent one.
+    innovations: by sensor (names as of the keys of innovations; a second receiver has its message behind), of the last minute.
     """
 
     mode: Mode = Mode.WAITING
@@ -157,6 +173,7 @@ class Status(Head, frozen=True, kw_only=True):
     rates_hz: dict[str, float | None] = {}
     counts: dict[str, int] = {}
     age_s: dict[str, float | None] = {}
+    innovations: dict[str, Consistency] = {}
 
 
 class Innovation(Head, frozen=True, kw_only=True):

@@ -7,15 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.diagnostics.whiteness import autocorrelation
 from mavkf.errors import UsageError
 from mavkf.navigation import layout as L
+from mavkf.navigation.codes import Sensor
 from mavkf.navigation.records import SENSOR_NAMES
+from mavkf.replay.advice import NED
 from mavkf.replay.export import columns
 from mavkf.replay.run import SessionResult
 from mavkf.replay.truth import SIGMAS, Truth, errors
 
 Floats = NDArray[np.float64]
 SIGMAS_SHOWN = 2.0
+LAGS = 20
 LINE, BAND = "#b03a2e", "#cfe2f3"
 COLOURS = ("#b03a2e", "#2471a3", "#1e8449")
 DEGREES = float(np.degrees(1.0))
@@ -36,19 +40,23 @@ PANELS = (
 
 
 def plot_run(path: Path, session: SessionResult, truth: Truth | None = None) -> None:
-    """Draw one session: track, height, velocity, attitude, biases with two sigma, innovations in their gates; with truth the errors too.
+    """Draw one session: track, height, velocity, attitude, biases with two sigma, innovations in their gates, how those of GNSS correlate.
+
+    With truth the errors too.
 
     Raises UsageError where matplotlib is missing or the file cannot be written.
     """
     estimate = columns(session.output.poses)
-    figure = _figure(f"vehicle {session.vehicle}, session {session.session}", 20.0 if truth is not None else 12.0)
+    figure = _figure(f"vehicle {session.vehicle}, session {session.session}", 20.0 if truth is not None else 12.0, 11.0)
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2)) if truth is not None else (figure, None)
-    grid = left.add_gridspec(4, 4)
+    grid = left.add_gridspec(5, 4)
     _track(left.add_subplot(grid[:2, :2]), estimate, truth)
     _height(left.add_subplot(grid[2, :2]), estimate, truth)
     _gates(left.add_subplot(grid[3, :2]), session.output.innovations)
     for k, (label, names, scale) in enumerate(BANDS):
         _bands(left.add_subplot(grid[k, 2:]), session.output.poses, label, names, scale)
+    _correlations(left.add_subplot(grid[4, :2]), session.output.innovations, Sensor.GNSS_POSITION)
+    _correlations(left.add_subplot(grid[4, 2:]), session.output.innovations, Sensor.GNSS_VELOCITY)
     if right is not None and truth is not None:
         _errors(right, right.add_gridspec(6, 1), estimate, truth, rows=6)
     _save(figure, path)
@@ -67,12 +75,12 @@ def plot_errors(path: Path, estimate: Mapping[str, Floats], truth: Truth, title:
     _save(figure, path)
 
 
-def _figure(title: str, width: float) -> Any:
+def _figure(title: str, width: float, height: float = 9.0) -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError:
         raise UsageError("a plot needs matplotlib: pip install 'mavkf[plot]'") from None
-    figure = Figure(figsize=(width, 9.0), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(title)
     return figure
 
@@ -132,6 +140,28 @@ def _gates(axes: Any, innovations: Floats) -> None:
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=7, markerscale=5, loc="lower right")
     axes.grid(alpha=0.3)
+
+
+def _correlations(axes: Any, innovations: Floats, sensor: Sensor) -> None:
+    """How innovations of a sensor correlate with those some measurements before, and the band that 95 % of white ones lie in."""
+    mine = innovations[(innovations[:, L.I_SENSOR] == sensor) & (innovations[:, L.I_FUSED] > 0)]
+    axes.set_title(f"{sensor.name.lower()}: correlation of innovations, and white noise's band", fontsize=9)
+    axes.set_xlabel("measurements apart")
+    axes.grid(alpha=0.3)
+    n = len(mine)
+    if n <= 4 * LAGS:
+        return
+    lags = np.arange(1, LAGS + 1)
+    band = 1.96 / np.sqrt(n)
+    axes.axhspan(-band, band, color=BAND, lw=0)
+    size = int(mine[:, L.I_SIZE].min())
+    for axis, name, colour in zip(range(size), NED, COLOURS, strict=False):
+        variance = mine[np.arange(n), L.I_S + axis * (mine[:, L.I_SIZE].astype(int) + 1)]
+        rho = autocorrelation(mine[:, L.I_R + axis] / np.sqrt(variance), LAGS)
+        axes.plot(lags, rho, ".-", color=colour, lw=0.8, label=name)
+    axes.set_ylim(-0.5, 1.0)
+    axes.set_xticks(range(0, LAGS + 1, 5))
+    axes.legend(fontsize=7, loc="upper right")
 
 
 def _track(axes: Any, estimate: Mapping[str, Floats], truth: Truth | None) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
 from mavkf.link.clocks import ClockCounts, VehicleClock
-from mavkf.navigation.estimator import Output, fold_counts, joined, run_offline
+from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts, joined, run_offline
 from mavkf.navigation.setup import MODELS, Setup
 from mavkf.replay.faults import Fault, apply_faults
 from mavkf.replay.tlog import Log, read_tlog
@@ -51,7 +51,7 @@ class SessionResult:
     """What came of one session of one vehicle.
 
     rows: its timed sample rows (n, ROW_WIDTH), in the order of arrival; output: pose rows, innovations and notes of the fold;
-    counts: what the fold counted.
+    counts: what the fold counted; state: of the fold at the end (STATE_SIZE,); parameters: what it was told (PARAMETERS,).
     """
 
     vehicle: str
@@ -60,6 +60,8 @@ class SessionResult:
     rows: Array
     output: Output
     counts: dict[str, int]
+    state: Array
+    parameters: Array
 
 
 @dataclass(frozen=True)
@@ -203,7 +205,9 @@ def _offline(
 ) -> Iterator[SessionResult]:
     for session, mine in _sessions(rows, options):
         done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part)
-        yield SessionResult(name, session, done.setup, mine, done.output, fold_counts(done.state))
+        yield SessionResult(
+            name, session, done.setup, mine, done.output, fold_counts(done.state), done.state, done.parameters
+        )
 
 
 def _as_live(
@@ -216,17 +220,22 @@ def _as_live(
 ) -> Iterator[SessionResult]:
     live = VehicleStream(name, options.config, options.rate_hz, options.imu, options.model, options.span)
     outputs: dict[int, list[Output]] = {}
-    ends: dict[int, tuple[Setup, dict[str, int]]] = {}
+    ends: dict[int, SessionEstimator] = {}
     for i in range(0, arrived.shape[0] + 1, BLOCK):
         last = i + BLOCK > arrived.shape[0]
         for step in chain(live.push(arrived[i : i + BLOCK]), live.finish() if last else ()):
             outputs.setdefault(step.session, []).append(step.output)
             estimator = live.estimator
             if estimator is not None and estimator.setup is not None and step.session == live.session:
-                ends[step.session] = estimator.setup, state_counts(estimator)
+                ends[step.session] = estimator
             if each is not None and options.session in (None, step.session):
                 each(live, step)
         part(min(1.0, i / arrived.shape[0]))
     for session, mine in _sessions(rows, options):
         if session in ends:
-            yield SessionResult(name, session, ends[session][0], mine, joined(outputs[session]), ends[session][1])
+            end = ends[session]
+            assert end.setup is not None
+            counts = state_counts(end)
+            yield SessionResult(
+                name, session, end.setup, mine, joined(outputs[session]), counts, end.state, end.parameters
+            )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mavkf.navigation import layout as L
 from mavkf.navigation.records import SENSOR_NAMES, RecordWriter, flag_names, validity
+from mavkf.replay.diagnosis import diagnose
 from mavkf.replay.run import Result, SessionResult
 from mavkf.samples import FIX, KIND, SOURCE, TIME, Kind, Source
 
@@ -15,15 +16,15 @@ Array = NDArray[np.float64]
 SLOW_HZ = 1.0  # Hz: rates below it are given with more digits
 
 
-def summarise(result: Result) -> dict[str, Any]:
-    """The summary of a replayed log, of numbers, text and None only."""
+def summarise(result: Result, details: bool = False) -> dict[str, Any]:
+    """The summary of a replayed log, of numbers, text and None only. details: as of `mavkf.replay.diagnosis.diagnose`."""
     flown = sum(_span(session)[1] - _span(session)[0] for session in result.sessions)
     total = result.read_s + result.estimate_s
     return {
         "log": str(result.log.path),
         "size_bytes": result.log.size,
         "damage": result.log.damage.as_dict(),
-        "sessions": [_session(session, result) for session in result.sessions],
+        "sessions": [_session(session, result, details) for session in result.sessions],
         "time": {
             "read_s": round(result.read_s, 4),
             "estimate_s": round(result.estimate_s, 4),
@@ -81,7 +82,7 @@ def _number(value: float, digits: int = 4) -> float | None:
     return round(float(value), digits) if math.isfinite(value) else None
 
 
-def _session(session: SessionResult, result: Result) -> dict[str, Any]:
+def _session(session: SessionResult, result: Result, details: bool) -> dict[str, Any]:
     first, last = _span(session)
     writer = RecordWriter(session.vehicle)
     clock = result.clocks[session.vehicle]
@@ -104,6 +105,7 @@ def _session(session: SessionResult, result: Result) -> dict[str, Any]:
         "gaps": {"clock": clock.gaps, "longest_s": _number(clock.longest_gap_s, 3), "imu": session.counts["imu_gaps"]},
         "counts": session.counts | {"late": clock.late, "bad_stamps": clock.bad_stamps, "untimed": clock.untimed},
         "sensors": _sensors(session.output.innovations),
+        "diagnosis": diagnose(session, details),
         "end": _end(session.output.poses),
         "coverage": _coverage(session.output.poses),
         "events": [

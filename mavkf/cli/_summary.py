@@ -4,11 +4,13 @@ from typing import Any
 
 from rich.console import Console
 
+from mavkf.cli._findings import print_findings
+
 MOST_EVENTS = 12
 
 
-def print_summary(console: Console, summary: dict[str, Any]) -> None:
-    """Print what `mavkf.replay.summary.summarise` found, at the width of the console."""
+def print_summary(console: Console, summary: dict[str, Any], findings: bool = False) -> None:
+    """Print what `mavkf.replay.summary.summarise` found, at the width of the console. findings: all of the diagnosis too."""
 
     def line(text: str = "") -> None:
         console.print(text, markup=False, highlight=False, soft_wrap=True)
@@ -21,6 +23,8 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
     for session in summary["sessions"]:
         line()
         _session(line, session)
+        if findings:
+            print_findings(line, session["diagnosis"])
     time = summary["time"]
     line()
     line(
@@ -61,6 +65,7 @@ def _session(line: Any, session: dict[str, Any]) -> None:
     for name, found in session["sensors"].items():
         nis = "" if found["nis"] is None else f"{found['nis']:8.3f}"
         line(f"  {name:<16}{found['count'] - found['refused']:>8}{found['refused']:>9}{nis:>8}")
+    _diagnosis(line, session["diagnosis"])
     coverage = session["coverage"]
     if coverage["tilt"] is not None:
         line("  valid: " + ", ".join(f"{name} {share:.1%}" for name, share in coverage.items()) + " of the time")
@@ -73,6 +78,18 @@ def _session(line: Any, session: dict[str, Any]) -> None:
     more = len(told) - MOST_EVENTS
     if more > 0:
         line(f"  ... and {more} more events (all of them by --json)")
+
+
+def _diagnosis(line: Any, diagnosis: dict[str, Any]) -> None:
+    for sentence in diagnosis["said"]:
+        line(f"  ! {sentence}")
+    verdicts = {name: sensor["verdict"] for name, sensor in diagnosis["sensors"].items()}
+    if not diagnosis["said"] and any(verdict != "unknown" for verdict in verdicts.values()):
+        marginal = ", ".join(name for name, verdict in verdicts.items() if verdict not in ("fine", "unknown"))
+        line(
+            "  diagnosis: nothing speaks against the filter"
+            + (f"; marginal: {marginal} (--diagnose)" if marginal else "")
+        )
 
 
 def _end(line: Any, end: dict[str, Any]) -> None:

@@ -50,6 +50,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
     plot: Path | None = None,
     truth: Path | None = None,
     json: bool = False,
+    diagnose: bool = False,
     publish: bool = False,
     connect: Connect = (),
     listen: Listen = (),
@@ -78,7 +79,8 @@ def replay(  # noqa: D417 (the rest is described in _console)
         faults: List all kinds of faults, and end.
         plot: Draw the session with the longest estimate to this file (png, svg, pdf).
         truth: Draw the errors against this truth too (CSV, columns as of mavkf simulate --truth).
-        json: Print the summary as JSON.
+        json: Print the summary as JSON, with all findings of the diagnosis.
+        diagnose: Print all findings of the diagnosis below the summary.
         publish: Publish over zenoh what a live run would have published, waiting for slow readers.
 
     """
@@ -125,7 +127,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
 
         result = run(log, options, progress, each if file is not None or send is not None else None)
     rows = write_csv(csv, result.sessions) if csv is not None else None
-    _report(result, json)
+    _report(result, json, diagnose)
     if not result.sessions:
         say("nothing was estimated: no IMU or GNSS sample with a boot time lies in what was asked for (--from, --to)")
     if rows is not None:
@@ -229,8 +231,8 @@ def _publishing(
                 publisher.close()
 
 
-def _report(result: Result, as_json: bool) -> None:
-    summary = summarise(result)
+def _report(result: Result, as_json: bool, findings: bool) -> None:
+    summary = summarise(result, details=as_json or findings)
     if as_json:
         import msgspec
 
@@ -238,7 +240,7 @@ def _report(result: Result, as_json: bool) -> None:
         return
     from mavkf.cli._summary import print_summary
 
-    print_summary(output(), summary)
+    print_summary(output(), summary, findings)
     for session in summary["sessions"]:
         for warning in session["warnings"]:
             say(f"{session['vehicle']} session {session['session']}: {warning}")

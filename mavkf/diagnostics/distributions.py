@@ -7,9 +7,11 @@ Related Statistics Without Extensive Tables", J. Royal Statistical Society B 32 
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 TINY = 1e-300
 DIGITS = 1e-15
+REMEMBERED = 256  # bounds: all axes of a sensor ask for the same
 
 
 def _lower_gamma(a: float, x: float) -> float:
@@ -69,14 +71,28 @@ def _beta(a: float, b: float, x: float, y: float) -> float:
 
 
 def _quantile(cdf: Callable[[float], float], probability: float) -> float:
-    """The x at which a distribution function of positive numbers reaches a probability, by bisection."""
-    high = 1.0
-    while cdf(high) < probability:
-        high *= 2.0
-    low = 0.0
+    """The x at which a distribution function of positive numbers reaches a probability, by the Illinois form of false position.
+
+    Dowell and Jarratt, "A Modified Regula Falsi Method for Computing the Root of an Equation", BIT 11 (1971).
+    """
+    low, high, at_low, at_high = 0.0, 1.0, -probability, cdf(1.0) - probability
+    while at_high < 0.0:
+        low, high, at_low = high, 2.0 * high, at_high
+        at_high = cdf(high) - probability
+    kept = 0  # the end that stayed the last time: -1 low, 1 high
     while high - low > 1e-12 * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if cdf(middle) < probability else (low, middle)
+        # where both ends agree to the last digit only halving gets on
+        x = high - at_high * (high - low) / (at_high - at_low) if at_high > at_low else 0.5 * (low + high)
+        x = min(max(x, low + 1e-13 * high), high - 1e-13 * high)
+        at_x = cdf(x) - probability
+        if at_x < 0.0:
+            low, at_low = x, at_x
+            at_high *= 0.5 if kept == 1 else 1.0
+            kept = 1
+        else:
+            high, at_high = x, at_x
+            at_low *= 0.5 if kept == -1 else 1.0
+            kept = -1
     return 0.5 * (low + high)
 
 
@@ -90,6 +106,7 @@ def chi_square_survival(x: float, degrees: float) -> float:
     return _upper_gamma(0.5 * degrees, 0.5 * x)
 
 
+@lru_cache(REMEMBERED)
 def chi_square_quantile(probability: float, degrees: float) -> float:
     """The x that it does not exceed with this probability."""
     return _quantile(lambda x: chi_square(x, degrees), probability)
@@ -101,6 +118,7 @@ def student_two_sided(t: float, degrees: float) -> float:
     return _beta(0.5 * degrees, 0.5, degrees / total, t * t / total)
 
 
+@lru_cache(REMEMBERED)
 def student_bound(probability: float, degrees: float) -> float:
     """The t that it is farther from zero than with this probability."""
     return _quantile(lambda t: 1.0 - student_two_sided(t, degrees), 1.0 - probability)
@@ -112,6 +130,7 @@ def f_survival(x: float, numerator: float, denominator: float) -> float:
     return _beta(0.5 * denominator, 0.5 * numerator, denominator / total, numerator * x / total)
 
 
+@lru_cache(REMEMBERED)
 def f_bound(probability: float, numerator: float, denominator: float) -> float:
     """The x that it exceeds with this probability."""
     return _quantile(lambda x: 1.0 - f_survival(x, numerator, denominator), 1.0 - probability)
@@ -143,6 +162,7 @@ def kolmogorov_survival(distance: float, count: int) -> float:
     return min(1.0, max(0.0, 2.0 * total))
 
 
+@lru_cache(REMEMBERED)
 def kolmogorov_bound(probability: float, count: int) -> float:
     """The distance that is exceeded with this probability."""
     return _quantile(lambda distance: 1.0 - kolmogorov_survival(distance, count), 1.0 - probability)

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.config import Config
-from mavkf.estimate import Event, Pose, Record, Status
+from mavkf.estimate import Consistency, Event, Pose, Record, Status
 from mavkf.link.clocks import VehicleClock
 from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts
 from mavkf.navigation.pose import pose_row
 from mavkf.navigation.records import MODES, SENSOR_NAMES, RecordWriter, flag_names, model_name, validity
 from mavkf.samples import KIND, SESSION, TIME, UNIX_US, Kind, Source
+from mavkf.service.consistency import RecentInnovations
 from mavkf.service.utc import UtcClock
 
 Array = NDArray[np.float64]
@@ -66,6 +67,7 @@ class VehicleStream:
         self._last: dict[int, float] = {}
         self._status_time = math.nan
         self._status_counts: Counter[str] = Counter()
+        self._recent = RecentInnovations()
         if session >= 0:
             self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model)
 
@@ -139,6 +141,7 @@ class VehicleStream:
 
     def _step(self, output: Output) -> Step:
         self.counts["poses"] += output.poses.shape[0]
+        self._recent.take(output.innovations)
         for sensor, name in enumerate(SENSOR_NAMES):
             mine = output.innovations[output.innovations[:, L.I_SENSOR] == sensor]
             if mine.shape[0]:
@@ -171,7 +174,16 @@ class VehicleStream:
             age_s={
                 name: self._newest - self._last[kind] if kind in self._last else None for kind, name in KINDS.items()
             },
+            innovations=self._consistency(row),
         )
+
+    def _consistency(self, row: Array) -> dict[str, Consistency]:
+        """What recent innovations say. row: the pose row (POSE_WIDTH,) of now."""
+        estimator = self.estimator
+        if estimator is None or estimator.setup is None:
+            return {}
+        speed = math.hypot(row[L.R_V], row[L.R_V + 1])
+        return self._recent.report(self._newest, speed, estimator.state[L.MAIN], estimator.setup.imu_rate_hz)
 
     def records(self, step: Step) -> Iterator[Record]:
         """The records of a step, in the order in which they are published."""

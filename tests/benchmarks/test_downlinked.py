@@ -23,7 +23,11 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Truth, Log, Sessio
     rows, counts = on_boot_clock(log.rows[1, 1], 3.0)
     assert isinstance(counts, ClockCounts)
     nothing = np.empty((0, 0))
-    return truth, log, SessionResult("1-1", 0, choose(rows, Config()), rows, Output(nothing, nothing, nothing), {})
+    return (
+        truth,
+        log,
+        SessionResult("1-1", 0, choose(rows, Config()), rows, Output(nothing, nothing, nothing), {}, nothing, nothing),
+    )
 
 
 def true_pose(truth: Truth, lag: float) -> dict[str, np.ndarray]:

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from mavkf.errors import UsageError
-from mavkf.estimate import Event, Innovation, Mode, Pose, Record, Status
+from mavkf.estimate import Consistency, Event, Innovation, Mode, Pose, Record, Status
 from mavkf.publish.records import Encoding, check_name, decode, encode, finite, key_of, schema
 
 from .conftest import make_pose
@@ -17,6 +17,18 @@ RECORDS: list[tuple[str, Record]] = [
     ("status", Status(vehicle="x", session=1, seq=2, mode=Mode.ALIGNING, rates_hz={"imu": 4.0}, counts={"lost": 3})),
     ("innovation", Innovation(vehicle="x", session=1, seq=2, sensor="gnss", r=(0.5,), S=(2.0,), nis=0.125, fused=True)),
     ("event", Event(vehicle="x", session=1, seq=2, kind="reset", size=4.5, evidence={"nis": 91.0, "by": "gnss"})),
+    (
+        "status",
+        Status(
+            vehicle="x",
+            session=1,
+            seq=2,
+            innovations={
+                "barometer": Consistency(count=0, refused=3),
+                "gnss_position": Consistency(count=9, refused=0, nis=0.5, sentence="gnss_position is refused"),
+            },
+        ),
+    ),
 ]
 
 
