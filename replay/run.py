@@ -32,7 +32,7 @@ class Options:
     rate_hz: rows a second of boot time, 0 for every step. span: boot times (s) to use.
     vehicle: `<sysid>-<compid>`, session: its number; None: all.
     imu: the IMU message to use; model: one of MODELS; None: chosen from the session's first seconds.
-    faults: to put into the samples first.
+    faults: to put into the samples first. smooth: whether each pose rests on what came later too (not as_live).
     """
 
     as_live: bool = False
@@ -44,6 +44,7 @@ class Options:
     model: str | None = None
     config: Config = field(default_factory=Config)
     faults: tuple[Fault, ...] = ()
+    smooth: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,8 @@ def check(options: Options) -> Options:
     """The options, if they make sense. Raises UsageError."""
     if options.model is not None and options.model not in MODELS:
         raise UsageError(f"--model {options.model}: choose one of {', '.join(MODELS)}")
+    if options.smooth and options.as_live:
+        raise UsageError("--smooth uses what came later, which no live run knows: leave --as-live, --jsonl and --publish out")
     if not 0.0 <= options.rate_hz <= 10_000.0:
         raise UsageError(f"--rate {options.rate_hz:g}: give rows a second, or 0 for every step")
     if not options.span[0] < options.span[1]:
@@ -202,7 +205,7 @@ def _offline(
     name: str, _: Array, rows: Array, options: Options, part: Callable[[float], object], __: object
 ) -> Iterator[SessionResult]:
     for session, mine in _sessions(rows, options):
-        done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part)
+        done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part, options.smooth)
         yield SessionResult(name, session, done.setup, mine, done.output, fold_counts(done.state))
 
 

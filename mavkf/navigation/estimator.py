@@ -23,6 +23,7 @@ from mavkf.navigation.earth_field import earth_field
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
+from mavkf.navigation.smoother import smooth
 from mavkf.samples import (
     ACCEL,
     ARRIVAL,
@@ -45,6 +46,7 @@ Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
 HISTORY = 16_384  # events kept for late ones: five seconds at 3 kHz
 BUFFER = 1_024
+FORWARD_SHARE = 0.3  # of the work of a smoothed run
 EARLY = 256  # rows kept from before the first sensor's
 
 
@@ -253,10 +255,11 @@ def run_offline(
     imu: Source | None = None,
     model: str | None = None,
     progress: Callable[[float], object] | None = None,
+    smoothing: bool = False,
 ) -> Offline:
     """Fold a session's rows (n, ROW_WIDTH; in the order of arrival) in the order in which they were measured.
 
-    progress: called with the share that is done, now and then.
+    progress: called with the share that is done, now and then; smoothing: whether the pose rows are smoothed by what came later.
     """
     decider = SessionEstimator(config, rate_hz, imu, model)
     decider._decide(rows)
@@ -267,6 +270,9 @@ def run_offline(
     c = decider.parameters
     events = timeline.in_order(to_events(rows[select(rows, setup)], setup, 0))
     state = decider.state
+    start = state.copy()
+    part = progress or (lambda _: None)
+    share = FORWARD_SHARE if smoothing else 1.0
     out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice
     poses = np.empty((16 * BUFFER, L.POSE_WIDTH))
     parts: list[Output] = []
@@ -274,10 +280,12 @@ def run_offline(
     while i < events.shape[0]:
         out[2][:] = 0
         i, n, slot = timeline.run_batch(state, events, i, slot, c, rate_hz, poses, out)
-        if progress is not None:
-            progress(i / events.shape[0])
+        part(share * i / events.shape[0])
         parts.append(Output(poses[:n].copy(), out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))
-    return Offline(setup, joined(parts), state, c)
+    output = joined(parts)
+    if smoothing:
+        smooth(start, events, c, rate_hz, output.poses, lambda done: part(share + (1.0 - share) * done))
+    return Offline(setup, output, state, c)
 
 
 def joined(parts: list[Output]) -> Output:
