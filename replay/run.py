@@ -52,7 +52,7 @@ class SessionResult:
     """What came of one session of one vehicle.
 
     rows: its timed sample rows (n, ROW_WIDTH), in the order of arrival; output: pose rows, innovations and notes of the fold;
-    counts: what the fold counted.
+    counts: what the fold counted; hindsight: what smoothing made of the flight, in words.
     """
 
     vehicle: str
@@ -61,6 +61,7 @@ class SessionResult:
     rows: Array
     output: Output
     counts: dict[str, int]
+    hindsight: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,9 @@ def check(options: Options) -> Options:
     if options.model is not None and options.model not in MODELS:
         raise UsageError(f"--model {options.model}: choose one of {', '.join(MODELS)}")
     if options.smooth and options.as_live:
-        raise UsageError("--smooth uses what came later, which no live run knows: leave --as-live, --jsonl and --publish out")
+        raise UsageError(
+            "--smooth uses what came later, which no live run knows: leave --as-live, --jsonl and --publish out"
+        )
     if not 0.0 <= options.rate_hz <= 10_000.0:
         raise UsageError(f"--rate {options.rate_hz:g}: give rows a second, or 0 for every step")
     if not options.span[0] < options.span[1]:
@@ -206,7 +209,7 @@ def _offline(
 ) -> Iterator[SessionResult]:
     for session, mine in _sessions(rows, options):
         done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part, options.smooth)
-        yield SessionResult(name, session, done.setup, mine, done.output, fold_counts(done.state))
+        yield SessionResult(name, session, done.setup, mine, done.output, fold_counts(done.state), done.hindsight)
 
 
 def _as_live(

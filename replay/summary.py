@@ -94,6 +94,7 @@ def _session(session: SessionResult, result: Result) -> dict[str, Any]:
         "autopilot": setup.autopilot,
         "vehicle_type": setup.vehicle_type,
         "setup": list(setup.reasons),
+        "smoothing": list(session.hindsight),
         "delays_s": {
             "gnss": setup.gnss_delay,
             "imu": setup.imu_delay,

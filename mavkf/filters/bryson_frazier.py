@@ -14,13 +14,15 @@ the filter's estimate x and covariance P at any moment
 Process noise does not enter: it is in P. So noise that is added at any other time passes unchanged, and a state that is replaced by a new,
 independent one is a transition with a row of zeros.
 
-The correction is that of the optimal gain P H' S^-1. Where the filter used less (a considered state, Schmidt), K = P H' S^-1 - D, its
-covariance is D S D' larger than the optimal one. With y = x_later - x, lambda = Lambda y and Lambda = (P + Omega^-1)^-1, where Omega is the
-information of what comes later; Omega does not depend on the gain. So passing to the optimal P - D S D' and x + D r (Woodbury)
+The correction is that of the optimal gain P H' S^-1. Where the filter used less, K = P H' S^-1 - D with a considered state (Schmidt),
+its covariance is larger than the optimal one by D S D'. Now lambda = Lambda (x_later - x) and Lambda = (P + Omega^-1)^-1, where Omega is the
+information in what comes later: it does not depend on the gain. So for an exchange of x and P for x + D r and P - D S D' (Woodbury)
 
-    lambda <- lambda + Lambda D W (D' lambda - S^-1 r)        Lambda <- Lambda + Lambda D W D' Lambda        W = (S^-1 - D' Lambda D)^-1
+    lambda <- lambda + Lambda D W (D' lambda - S^-1 r)    Lambda <- Lambda + Lambda D W D' Lambda    W = (S^-1 - D' Lambda D)^-1
 
-before the correction: the smoothed estimate is the best one of the filter's estimate at its time and everything measured later.
+and then the correction. The smoothed estimate is then the best one of the filter's at its time and of everything measured later, as if
+the filter had used the optimal gain from that time on. The other way round, with x - G r and P + G S G' where G = P H' S^-1, it takes a
+measurement out: that goes back over a correction as if it had not been made.
 """
 
 import numpy as np
@@ -46,31 +48,27 @@ def back_over_transition(adjoint, Adjoint, Phi, index):
         for i in range(a):
             total += Phi[i, j] * old[i]
         adjoint[index[j]] = total
-    rows = np.empty((a, n))
-    for side in range(2):  # Lambda Phi by its symmetry as Phi' Lambda, then the other side
-        for i in range(a):
+    B = np.zeros((b, n))  # the rows of Phi' Lambda that are not those of Lambda
+    for j in range(b):
+        if j >= a:
             for k in range(n):
-                rows[i, k] = Adjoint[index[i], k]
-        for j in range(b):
-            row = Adjoint[index[j]]
-            if j < a:
-                row[:] = 0.0
+                B[j, k] = Adjoint[index[j], k]
+        for i in range(a):
+            p = Phi[i, j]
+            if p != 0.0:
+                for k in range(n):
+                    B[j, k] += p * Adjoint[index[i], k]
+    for j in range(b):
+        for k in range(n):
+            Adjoint[index[j], k] = B[j, k]
+            Adjoint[k, index[j]] = B[j, k]
+    for j in range(b):
+        for k in range(j, b):
+            total = 0.0 if k < a else B[j, index[k]]
             for i in range(a):
-                p = Phi[i, j]
-                if p != 0.0:
-                    for k in range(n):
-                        row[k] += p * rows[i, k]
-        if side == 0:
-            transpose(Adjoint)
-    symmetrise(Adjoint)
-
-
-@compiled
-def transpose(A):
-    """Transpose A (n, n) in place."""
-    for i in range(A.shape[0]):
-        for j in range(i):
-            A[i, j], A[j, i] = A[j, i], A[i, j]
+                total += B[j, index[i]] * Phi[i, k]
+            Adjoint[index[j], index[k]] = total
+            Adjoint[index[k], index[j]] = total
 
 
 @compiled
@@ -84,10 +82,10 @@ def symmetrise(A):
 
 
 @compiled
-def back_over_lack(adjoint, Adjoint, r, inverse, D):
-    """Pass from the gain that was used to the optimal one, which is larger by D (n, m); returns whether that could be done.
+def exchange(adjoint, Adjoint, r, inverse, D, sign):
+    """Pass to an estimate x + sign D r of covariance P - sign D S D', in place; returns whether that could be done.
 
-    r: (m,), inverse: S^-1 (m, m).
+    r: (m,), inverse: S^-1 (m, m), D: (n, m), sign: 1 or -1.
     """
     n, m = D.shape
     B = np.zeros((n, m))
@@ -106,14 +104,14 @@ def back_over_lack(adjoint, Adjoint, r, inverse, D):
             v[a] -= inverse[a, b] * r[b]
             left[a, b] = inverse[a, b]
             for i in range(n):
-                left[a, b] -= D[i, a] * B[i, b]
+                left[a, b] -= sign * D[i, a] * B[i, b]
     if not invert(left, W) > 0.0:
         return False
     for i in range(n):
         for a in range(m):
             weighed = 0.0
             for b in range(m):
-                weighed += B[i, b] * W[b, a]
+                weighed += sign * B[i, b] * W[b, a]
             adjoint[i] += weighed * v[a]
             for j in range(n):
                 Adjoint[i, j] += weighed * B[j, a]

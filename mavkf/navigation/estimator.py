@@ -20,6 +20,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.earth_field import earth_field
+from mavkf.navigation.hindsight import look_back
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
@@ -240,12 +241,13 @@ def fold_counts(state: Array) -> dict[str, int]:
 
 
 class Offline(msgspec.Struct):
-    """An offline run: its set-up, what it wrote, the final state, and the parameters."""
+    """An offline run: its set-up, what it wrote, the final state, the parameters, and what smoothing made of the flight, in words."""
 
     setup: Setup
     output: Output
     state: Array
     parameters: Array
+    hindsight: tuple[str, ...] = ()
 
 
 def run_offline(
@@ -283,9 +285,12 @@ def run_offline(
         part(share * i / events.shape[0])
         parts.append(Output(poses[:n].copy(), out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))
     output = joined(parts)
+    words: tuple[str, ...] = ()
     if smoothing:
-        smooth(start, events, c, rate_hz, output.poses, lambda done: part(share + (1.0 - share) * done))
-    return Offline(setup, output, state, c)
+        hindsight = look_back(state, output.innovations, output.notes)
+        words = hindsight.words
+        smooth(start, events, c, rate_hz, hindsight, output.poses, lambda done: part(share + (1.0 - share) * done))
+    return Offline(setup, output, state, c, words)
 
 
 def joined(parts: list[Output]) -> Output:

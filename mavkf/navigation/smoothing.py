@@ -11,24 +11,25 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
-from mavkf.filters.bryson_frazier import back_over_correction, back_over_lack, back_over_transition, smoothed
+from mavkf.filters.bryson_frazier import back_over_correction, back_over_transition, exchange, smoothed
 from mavkf.models import telemetry
-from mavkf.models.strapdown import BG, DGNSS, TOP, retract
+from mavkf.models.strapdown import BG, DGNSS, POS, TOP, VEL, V, retract
 from mavkf.models.telemetry import OMEGA
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.fold import fold
 from mavkf.navigation.pose import pose_row, show
 from mavkf.navigation.timeline import is_lone_fix, is_sample_in_use, slot_of
+from mavkf.samples import TIME
 
 KINEMATIC = 9  # error states of attitude, velocity and position, whose covariance a pose shows
 
 
 @compiled
-def fold_block(s, events, first, last, slot, count, c, rate, poses, out):
-    """Fold sorted events first..last; where `out` has a tape, record them with the poses that fall due, and write their rows from `count` on.
+def fold_block(s, events, first, last, slot, count, c, rate, held, faults, poses, out):
+    """Fold sorted events first..last; where `out` has a tape, record them and the poses that fall due, whose rows begin at `count`.
 
-    Arguments as of `timeline.run_batch`. Returns the interval of the last pose and the number of rows.
+    held, faults: as of `use_hindsight`; the rest as of `timeline.run_batch`. Returns the interval of the last pose and the number of rows.
     """
     recording = T.is_recording(out)
     if recording:
@@ -37,6 +38,9 @@ def fold_block(s, events, first, last, slot, count, c, rate, poses, out):
         e = events[i]
         lone = is_lone_fix(e, s[L.T_IMU], c)
         out[2][:] = 0
+        use_hindsight(s, e[TIME], held, faults)
+        if s[L.SECOND] != 0.0:
+            use_hindsight(s[L.HALF :], e[TIME], held, faults)
         fold(s, e, c, out)
         if (lone or is_sample_in_use(s, e)) and math.isfinite(s[L.T]):
             now = slot_of(s[L.T], rate)
@@ -52,8 +56,26 @@ def fold_block(s, events, first, last, slot, count, c, rate, poses, out):
 
 
 @compiled
-def sweep(tape, adjoint, Adjoint, poses):
-    """Go back over a tape, from lambda (STATES_MOST,) and Lambda (STATES_MOST, STATES_MOST) behind it to those before; smooth its poses."""
+def use_hindsight(s, t, held, faults):
+    """Give one half of the state what is known of the whole flight, before an event at t (s).
+
+    held: (k, 2) places in the state and the values that they have; faults: (k, 3) place of the beginning of a suspicion, and from when to
+    when (s) it is known to be justified.
+    """
+    for k in range(held.shape[0]):
+        s[int(held[k, 0])] = held[k, 1]
+    for k in range(faults.shape[0]):
+        if faults[k, 1] <= t < faults[k, 2]:
+            s[int(faults[k, 0])] = faults[k, 1]
+            s[L.AGREES_SINCE] = np.nan
+
+
+@compiled
+def sweep(tape, adjoint, Adjoint, poses, delay):
+    """Go back over a tape, from lambda (STATES_MOST,) and Lambda (STATES_MOST, STATES_MOST) behind it to those before; smooth its poses.
+
+    delay: s, one sigma of a GNSS delay that is not estimated.
+    """
     integrated = np.arange(TOP)
     moving = np.empty(telemetry.M, dtype=np.int64)
     for m in range(telemetry.M):
@@ -69,7 +91,7 @@ def sweep(tape, adjoint, Adjoint, poses):
         Adjoint[:, n:] = 0.0
         low, full = adjoint[:n], Adjoint[:n, :n]
         if kind == T.POSE:
-            smooth_row(tape, k, n, low, full, poses[int(tape[k + T.P_ROW])])
+            smooth_row(tape, k, n, low, full, poses[int(tape[k + T.P_ROW])], delay)
         elif kind == T.TRANSITION:
             for i in range(3):
                 link(low, full, DGNSS + i, DGNSS + i, tape[k + T.T_DECAY + i // 2])
@@ -111,7 +133,7 @@ def link(adjoint, Adjoint, to, of, factor):
 def over_correction(tape, k, n, adjoint, Adjoint):
     """Go back over a correction whose content begins at place k."""
     m = int(tape[k + T.C_SIZE])
-    considers = tape[k + T.C_CONSIDERS] != 0.0
+    gain = tape[k + T.C_GAIN]
     k += T.C_R
     r = tape[k : k + m]
     k += m
@@ -119,21 +141,36 @@ def over_correction(tape, k, n, adjoint, Adjoint):
     k += m * m
     H = tape[k : k + m * n].reshape((m, n))
     k += m * n
-    K = tape[k : k + m * n].reshape((n, m)).copy()
-    if considers:
-        k += m * n
-        D = tape[k : k + m * n].reshape((n, m))
-        if not back_over_lack(adjoint, Adjoint, r, inverse, D):
-            adjoint[:] = 0.0
-            Adjoint[:, :] = 0.0
-        for i in range(n):
-            for a in range(m):
-                K[i, a] += D[i, a]
-    back_over_correction(adjoint, Adjoint, r, inverse, H, K)
+    K = tape[k : k + m * n].reshape((n, m))
+    if gain == T.OPTIMAL:
+        back_over_correction(adjoint, Adjoint, r, inverse, H, K)
+        return
+    k += m * n
+    D = tape[k : k + m * n].reshape((n, m))
+    done = exchange(adjoint, Adjoint, r, inverse, D, 1.0)
+    if gain == T.KEPT_FROM_MOTION:
+        # what the filter has kept from the motion tells the smoother nothing of it either: the measurement is taken out
+        done = done and exchange(adjoint, Adjoint, r, inverse, K + D, -1.0)
+    else:
+        back_over_correction(adjoint, Adjoint, r, inverse, H, K + D)
+    if not done:
+        adjoint[:] = 0.0
+        Adjoint[:, :] = 0.0
 
 
 @compiled
-def smooth_row(tape, k, n, adjoint, Adjoint, row):
+def cover_delay(P, v, a, sigma):
+    """Add to P what a delay of one sigma (s) would shift, that was not estimated: position by v delta, velocity by a delta."""
+    for i in range(3):
+        for j in range(3):
+            P[POS + i, POS + j] += sigma * sigma * v[i] * v[j]
+            P[VEL + i, VEL + j] += sigma * sigma * a[i] * a[j]
+            P[POS + i, VEL + j] += sigma * sigma * v[i] * a[j]
+            P[VEL + j, POS + i] = P[POS + i, VEL + j]
+
+
+@compiled
+def smooth_row(tape, k, n, adjoint, Adjoint, row, delay):
     """Put what is smoothed into a pose row of the filter: what was valid stays so; mode, flags and protection levels are the filter's."""
     x = tape[k + T.P_X : k + T.P_P].copy()
     P = tape[k + T.P_P : k + T.P_P + n * n].reshape((n, n))
@@ -141,6 +178,7 @@ def smooth_row(tape, k, n, adjoint, Adjoint, row):
     P_smoothed = np.empty((KINEMATIC, KINEMATIC))
     smoothed(P, adjoint, Adjoint, dx, P_smoothed)
     retract(x, dx)
+    cover_delay(P_smoothed, x[V : V + 3], tape[k + T.P_ACCELERATION : k + T.P_X], delay)
     for i in range(3):
         if tape[k + T.P_MODEL] == L.TELEMETRY:
             row[L.R_RATE + i] += x[OMEGA + i] - tape[k + T.P_X + OMEGA + i]

@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, NOTHING, VECTOR, compiled, compiled_apart
-from mavkf.models.strapdown import BG, DBG, POS, THETA, VEL, V
+from mavkf.compiled import FLOAT, INTEGER, MATRIX, NOTHING, VECTOR, compiled, compiled_apart
+from mavkf.models.strapdown import BG, DBG, THETA, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import OUT
 
@@ -27,9 +27,23 @@ LENGTH, STATES, X = 0, 1, 2
 P = X + L.X_SIZE
 BEGIN = P + L.STATES_MOST * L.STATES_MOST
 TAIL = 3  # numbers behind the content of an entry
-C_SIZE, C_CONSIDERS, C_R = 0, 1, 2  # content of a correction: m, whether the gain is not the optimal one, r, S^-1, H, K, and what K lacks
+C_SIZE, C_GAIN, C_R = (
+    0,
+    1,
+    2,
+)  # content of a correction: m, which gain, r, S^-1, H, K, and what K lacks of the optimal gain
+OPTIMAL, CONSIDERED, KEPT_FROM_MOTION = (
+    0.0,
+    1.0,
+    2.0,
+)  # gains: all states corrected; all but one; only those behind the motion's
 T_DECAY, T_PHI = 0, 2  # of a transition: decay of the coloured error, horizontal and vertical; Phi
-P_ROW, P_MODEL, P_X = 0, 1, 2  # of a pose: its row, the model, nominal state, covariance
+P_ROW, P_MODEL, P_ACCELERATION, P_X = (
+    0,
+    1,
+    2,
+    5,
+)  # of a pose: its row, the model, acceleration, nominal state, covariance
 P_P = P_X + L.X_SIZE
 TURNED = 0.2  # rad: a correction of the attitude beyond which its two sides have not the same linear model
 
@@ -68,6 +82,17 @@ def close(tape, k, n, kind):
 
 
 @compiled
+def differs(s, tape, n):
+    """Whether estimate or covariance are not what was kept, of the same number n of error states."""
+    count = 0
+    for i in range(L.X_SIZE):
+        count += 1 if s[L.X + i] != tape[X + i] else 0
+    for i in range(n * n):
+        count += 1 if s[L.P + i] != tape[P + i] else 0
+    return count > 0
+
+
+@compiled
 def error_of(i):
     """The error state that belongs to number i of the nominal state."""
     if i < V:
@@ -80,6 +105,8 @@ def attend(s, out):
     """Write down what was done to the state since the last entry."""
     tape = out[5]
     n, before = int(s[L.STATES]), int(tape[STATES])
+    if n == before and not differs(s, tape, n):
+        return
     both = min(n, before)
     Pn = L.covariance(s)
     Pb = tape[P : P + before * before].reshape((before, before))
@@ -147,16 +174,16 @@ def record_transition(s, out, Phi, dt):
     keep(s, tape)
 
 
-@compiled_apart(NOTHING, VECTOR, OUT, VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, BOOLEAN)
-def record_correction(s, out, r, H, inverse, K, PHt, dx, considers):
+@compiled_apart(NOTHING, VECTOR, OUT, VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, FLOAT)
+def record_correction(s, out, r, H, inverse, K, PHt, dx, gain):
     """Record a correction by the gain K (n, m) and innovation r (m,); `attend` was called before.
 
-    H: (m, n), inverse: S^-1 (m, m), PHt: P H' (n, m) before, dx: (n,); considers: whether K is less than P H' S^-1.
+    H: (m, n), inverse: S^-1 (m, m), PHt: P H' (n, m) before, dx: (n,); gain: which one it is.
     """
     tape = out[5]
     m, n = H.shape
     k = int(tape[LENGTH])
-    tape[k + C_SIZE], tape[k + C_CONSIDERS] = m, 1.0 if considers else 0.0
+    tape[k + C_SIZE], tape[k + C_GAIN] = m, gain
     k += C_R
     for a in range(m):
         tape[k + a] = r[a]
@@ -170,7 +197,7 @@ def record_correction(s, out, r, H, inverse, K, PHt, dx, considers):
             tape[k + n * a + i] = H[a, i]
             tape[k + n * m + m * i + a] = K[i, a]
     k += 2 * n * m
-    if considers:
+    if gain != OPTIMAL:
         for i in range(n):
             for a in range(m):
                 full = 0.0
@@ -192,6 +219,8 @@ def record_pose(s, out, row):
     n = int(s[L.STATES])
     k = int(tape[LENGTH])
     tape[k + P_ROW], tape[k + P_MODEL] = row, s[L.MODEL]
+    for i in range(3):
+        tape[k + P_ACCELERATION + i] = s[L.ACCELERATION + i]
     for i in range(L.X_SIZE):
         tape[k + P_X + i] = s[L.X + i]
     for i in range(n * n):
