@@ -66,7 +66,7 @@ class SessionResult:
 
 @dataclass(frozen=True)
 class Result:
-    """A replayed log: its sessions by vehicle, the counts of each vehicle's clock, and the seconds of work."""
+    """A replayed log, without its rows: its sessions by vehicle, the counts of each vehicle's clock, and the seconds of work."""
 
     log: Log
     sessions: list[SessionResult]
@@ -147,7 +147,7 @@ def run(
                 progress("estimating", (k + share) / len(addresses))
 
         name = vehicle_name(address)
-        found, clocks[name] = run_rows(name, log.rows[address], options, part, each)
+        found, clocks[name] = run_rows(name, log.rows.pop(address), options, part, each)
         sessions += found
     if options.session is not None and not sessions:
         raise UsageError(
@@ -172,9 +172,11 @@ def run_rows(
         rows = apply_faults(rows, options.faults, boot_times(rows, options.config.timeline.window_s))
     timed, counts = on_boot_clock(rows, options.config.timeline.window_s)
     timed = within(timed, options.span)
+    if not options.as_live:
+        rows = timed  # the others may go
     estimate = _as_live if options.as_live else _offline
     part = progress or (lambda _: None)
-    return list(estimate(name, rows if options.as_live else timed, timed, options, part, each)), counts
+    return list(estimate(name, rows, timed, options, part, each)), counts
 
 
 def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
@@ -183,7 +185,8 @@ def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
     window_s: as of `mavkf.config.Timeline`.
     """
     clock = VehicleClock(window_s)
-    return np.concatenate([clock.push(rows), clock.flush()]), clock.counts
+    timed, held = clock.push(rows), clock.flush()
+    return np.concatenate([timed, held]) if held.size else timed, clock.counts
 
 
 def boot_times(rows: Array, window_s: float) -> Array:
@@ -199,7 +202,8 @@ def boot_times(rows: Array, window_s: float) -> Array:
 def _sessions(rows: Array, options: Options) -> Iterator[tuple[int, Array]]:
     """The wanted sessions of timed rows, with those of their rows that have a sensor's sample among them."""
     for session in np.unique(rows[:, SESSION]).astype(int):
-        mine = rows[rows[:, SESSION] == session]
+        its = rows[:, SESSION] == session
+        mine = rows if its.all() else rows[its]
         if options.session in (None, session) and np.isin(mine[:, KIND], (Kind.IMU, Kind.GNSS)).any():
             yield int(session), mine
 

@@ -15,8 +15,8 @@ Process noise does not enter: it is in P. So noise that is added at any other ti
 independent one is a transition with a row of zeros.
 
 The correction is that of the optimal gain P H' S^-1. Where the filter used less, K = P H' S^-1 - D with a considered state (Schmidt),
-its covariance is larger than the optimal one by D S D'. Now lambda = Lambda (x_later - x) and Lambda = (P + Omega^-1)^-1, where Omega is the
-information in what comes later: it does not depend on the gain. So for an exchange of x and P for x + D r and P - D S D' (Woodbury)
+its covariance is larger than the optimal one by D S D'. Now lambda = Lambda (x_later - x) and Lambda = (P + Omega^-1)^-1, where Omega is
+the information in what comes later: it does not depend on the gain. So for an exchange of x and P for x + D r and P - D S D' (Woodbury)
 
     lambda <- lambda + Lambda D W (D' lambda - S^-1 r)    Lambda <- Lambda + Lambda D W D' Lambda    W = (S^-1 - D' Lambda D)^-1
 

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.models.strapdown import DDELAY
+from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
 from mavkf.navigation import smoothing
 from mavkf.navigation import tape as T
 from mavkf.navigation.codes import SENSORS
+from mavkf.navigation.events import SortedEvents
 from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING
 from mavkf.navigation.hindsight import Hindsight
 from mavkf.navigation.parameter import Parameter
@@ -28,7 +30,7 @@ SECOND_PASS_SHARE = 0.3  # of the work
 
 def smooth(
     state: Array,
-    events: Array,
+    events: SortedEvents,
     c: Array,
     rate_hz: float,
     hindsight: Hindsight,
@@ -37,8 +39,8 @@ def smooth(
 ) -> None:
     """Replace the pose rows (n, POSE_WIDTH) of an offline run by smoothed ones.
 
-    state: (STATE_SIZE,) as it was before the first event, is used up; events: (m, EVENT_WIDTH), sorted; c: parameters; progress: called
-    with the share that is done.
+    state: (STATE_SIZE,) as it was before the first event, is used up; c: parameters; progress: called with the share that
+    is done.
     """
     c = c.copy()
     delay = 0.0
@@ -51,19 +53,19 @@ def smooth(
     marks: list[tuple[Array, int, int]] = []  # state, output interval and pose row before each block
     slot, row = -1, 0
     out = L.buffers(ROOM, ROOM, SENSORS)
-    starts = range(0, events.shape[0], BLOCK)
+    count = len(events)
+    starts = range(0, count, BLOCK)
     for first in starts:
         marks.append((state[: L.STATE_SIZE if state[L.SECOND] else L.HALF].copy(), slot, row))
-        last = min(first + BLOCK, events.shape[0])
-        slot, row = smoothing.fold_block(state, events, first, last, slot, row, c, rate_hz, held, faults, poses, out)
-        progress(SECOND_PASS_SHARE * last / events.shape[0])
+        block = events.block(first, first + BLOCK)
+        slot, row = smoothing.fold_block(state, block, slot, row, c, rate_hz, held, faults, poses, out)
+        progress(SECOND_PASS_SHARE * first / count)
     out = L.buffers(ROOM, ROOM, SENSORS, T.BEGIN + ENTRIES * BLOCK + SLACK)
-    adjoint, Adjoint = np.zeros(L.STATES_MOST), np.zeros((L.STATES_MOST, L.STATES_MOST))
+    adjoint, Adjoint = np.zeros(STATES_MOST), np.zeros((STATES_MOST, STATES_MOST))
     for first in reversed(starts):
         mark, slot, row = marks.pop()
         state[:] = 0.0
         state[: mark.size] = mark
-        last = min(first + BLOCK, events.shape[0])
-        smoothing.fold_block(state, events, first, last, slot, row, c, rate_hz, held, faults, poses, out)
+        smoothing.fold_block(state, events.block(first, first + BLOCK), slot, row, c, rate_hz, held, faults, poses, out)
         smoothing.sweep(out[5], adjoint, Adjoint, poses, delay)
-        progress(1.0 - (1.0 - SECOND_PASS_SHARE) * first / events.shape[0])
+        progress(1.0 - (1.0 - SECOND_PASS_SHARE) * first / count)

@@ -26,15 +26,15 @@ KINEMATIC = 9  # error states of attitude, velocity and position, whose covarian
 
 
 @compiled
-def fold_block(s, events, first, last, slot, count, c, rate, held, faults, poses, out):
-    """Fold sorted events first..last; where `out` has a tape, record them and the poses that fall due, whose rows begin at `count`.
+def fold_block(s, events, slot, count, c, rate, held, faults, poses, out):
+    """Fold sorted events (m, EVENT_WIDTH); where `out` has a tape, record them and the poses that fall due, whose rows begin at `count`.
 
     held, faults: as of `use_hindsight`; the rest as of `timeline.run_batch`. Returns the interval of the last pose and the number of rows.
     """
     recording = T.is_recording(out)
     if recording:
         T.rewind(s, out[5])
-    for i in range(first, last):
+    for i in range(events.shape[0]):
         e = events[i]
         lone = is_lone_fix(e, s[L.T_IMU], c)
         out[2][:] = 0

@@ -159,18 +159,32 @@ def record_link(s, out, to, of, factor):
 def record_transition(s, out, Phi, dt):
     """Record a transition over dt (s), and the decay of the coloured error in that time; `attend` was called before.
 
-    Phi: the rows (9, TOP) of `strapdown.transition`, or (M, M) of the telemetry model's states that move.
+    Phi: the rows (9, TOP) of `strapdown.transition`, or (M, M) of the telemetry model's states that move. Where the last entry is of
+    the same kind, it becomes the transition over both.
     """
     tape = out[5]
-    k = int(tape[LENGTH])
-    for axis in range(2):
-        tape[k + T_DECAY + axis] = math.exp(-dt / s[L.COLOUR_TIME + axis])
-    k += T_PHI
-    for i in range(Phi.shape[0]):
-        for j in range(Phi.shape[1]):
-            tape[k] = Phi[i, j]
-            k += 1
-    close(tape, k, int(s[L.STATES]), TRANSITION)
+    n, k = int(s[L.STATES]), int(tape[LENGTH])
+    a, b = Phi.shape
+    size = T_PHI + a * b
+    if k > BEGIN and tape[k - 1] == TRANSITION and tape[k - 2] == size and tape[k - 3] == n:
+        k -= TAIL + size
+        before = tape[k + T_PHI : k + size].copy().reshape((a, b))
+        for axis in range(2):
+            tape[k + T_DECAY + axis] *= math.exp(-dt / s[L.COLOUR_TIME + axis])
+        after = tape[k + T_PHI : k + size].reshape((a, b))
+        for i in range(a):
+            for j in range(b):
+                after[i, j] = Phi[i, j] if j >= a else 0.0
+            for m in range(a):
+                for j in range(b):
+                    after[i, j] += Phi[i, m] * before[m, j]
+    else:
+        for axis in range(2):
+            tape[k + T_DECAY + axis] = math.exp(-dt / s[L.COLOUR_TIME + axis])
+        for i in range(a):
+            for j in range(b):
+                tape[k + T_PHI + b * i + j] = Phi[i, j]
+        close(tape, k + size, n, TRANSITION)
     keep(s, tape)
 
 
