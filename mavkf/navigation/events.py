@@ -102,7 +102,7 @@ class SortedEvents:
         self._index = chosen[self._number]
 
     def __len__(self) -> int:
-        return self._index.size
+        return len(self._index)
 
     def block(self, first: int, last: int) -> Array:
         """Events first..last (m, EVENT_WIDTH), by `timeline.precedes`; equal ones keep their order."""
