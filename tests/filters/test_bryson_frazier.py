@@ -16,7 +16,7 @@ class Step:
         self.m = int(random.integers(0, 4))
         self.Phi = np.eye(N)
         self.index = random.permutation(N)[:DRIVING].astype(np.int64)
-        self.block = random.normal(size=(MOVING, DRIVING))
+        self.block = 0.4 * random.normal(size=(MOVING, DRIVING))
         self.Phi[self.index[:MOVING, None], self.index] = self.block
         G = random.normal(size=(N, 2))
         self.x_before, self.P_before = x, P
