@@ -95,6 +95,7 @@ def _session(session: SessionResult, result: Result, details: bool) -> dict[str,
         "autopilot": setup.autopilot,
         "vehicle_type": setup.vehicle_type,
         "setup": list(setup.reasons),
+        "smoothing": list(session.hindsight),
         "delays_s": {
             "gnss": setup.gnss_delay,
             "imu": setup.imu_delay,

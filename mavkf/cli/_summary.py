@@ -47,7 +47,7 @@ def _session(line: Any, session: dict[str, Any]) -> None:
         f"vehicle {session['vehicle']}, session {session['session']}: "
         f"{session['from_s']:.1f} s to {session['to_s']:.1f} s on the boot clock"
     )
-    for reason in session["setup"]:
+    for reason in session["setup"] + session["smoothing"]:
         line(f"  {reason}")
     rates = session["rates_hz"]
     line("  rates: " + ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items()))

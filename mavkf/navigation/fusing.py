@@ -15,6 +15,7 @@ from mavkf.navigation.codes import NOTE_CODES, SENSORS, Reason, Sensor
 from mavkf.navigation.layout import OUT
 from mavkf.navigation.monitors import watch
 from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.tape import CONSIDERED, KEPT_FROM_MOTION, OPTIMAL, attend, is_recording, record_correction
 from mavkf.samples import SOURCE
 
 SLOWEST_FOR_LEARNING = 0.05  # s between IMU samples, above which its own errors look like a delay or a wander of GNSS
@@ -127,9 +128,15 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
+    recording = is_recording(out)
+    if recording:
+        attend(s, out)
     correct(P, H, R_lasting, PHt, inverse, r, dx, K, considered, int(s[L.CORRECT_FROM]))
     watch(s, e, sensor, r, H, inverse, K, nis, sensor <= Sensor.BAROMETER.value and not lasts)
     retract(s[L.X : L.P], dx)
+    if recording:
+        gain = KEPT_FROM_MOTION if s[L.CORRECT_FROM] > 0.0 else (CONSIDERED if considered >= 0 else OPTIMAL)
+        record_correction(s, out, r, H, inverse, K, PHt, dx, gain)
     return nis
 
 
