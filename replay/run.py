@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
+from mavkf.filters.forms import FORMS
+from mavkf.filters.orders import ORDERS
 from mavkf.link.clocks import ClockCounts, VehicleClock
+from mavkf.navigation.any_form import FormRun
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts, joined, run_offline
 from mavkf.navigation.setup import MODELS, Setup
 from mavkf.replay.faults import Fault, apply_faults
@@ -21,6 +24,7 @@ from mavkf.samples import IMU_SOURCES, KIND, SEQUENCE, SESSION, TIME, Kind, Sour
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
 Array = NDArray[np.float64]
+OWN_FORM = "joseph"  # the form of the fold
 BLOCK = 50_000  # rows between two calls of `progress`
 
 
@@ -33,6 +37,7 @@ class Options:
     vehicle: `<sysid>-<compid>`, session: its number; None: all.
     imu: the IMU message to use; model: one of MODELS; None: chosen from the session's first seconds.
     faults: to put into the samples first. smooth: whether each pose rests on what came later too (not as_live).
+    form, update: a form and an order of `mavkf.filters`, to run the flight with (not as_live, not smooth); None: as the service does.
     """
 
     as_live: bool = False
@@ -45,6 +50,15 @@ class Options:
     config: Config = field(default_factory=Config)
     faults: tuple[Fault, ...] = ()
     smooth: bool = False
+    form: str | None = None
+    update: str | None = None
+
+    @property
+    def other_filter(self) -> tuple[str, str] | None:
+        """The form and order to run with, where one of them was asked for."""
+        if self.form is None and self.update is None:
+            return None
+        return self.form or OWN_FORM, self.update or ORDERS[0]
 
 
 @dataclass(frozen=True)
@@ -53,7 +67,7 @@ class SessionResult:
 
     rows: its timed sample rows (n, ROW_WIDTH), in the order of arrival; output: pose rows, innovations and notes of the fold;
     counts: what the fold counted; state: of the fold at the end (STATE_SIZE,); parameters: what it was told (PARAMETERS,);
-    hindsight: what smoothing made of the flight, in words.
+    hindsight: what smoothing made of the flight, in words; form: what another form and order cost, where they made the pose rows.
     """
 
     vehicle: str
@@ -65,6 +79,7 @@ class SessionResult:
     state: Array
     parameters: Array
     hindsight: tuple[str, ...] = ()
+    form: FormRun | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +113,16 @@ def check(options: Options) -> Options:
         raise UsageError(
             "--smooth uses what came later, which no live run knows: leave --as-live, --jsonl and --publish out"
         )
+    if options.form is not None and options.form not in FORMS:
+        raise UsageError(f"--form {options.form}: choose one of {', '.join(FORMS)}")
+    if options.update is not None and options.update not in ORDERS:
+        raise UsageError(f"--update {options.update}: choose one of {', '.join(ORDERS)}")
+    if options.other_filter is not None and options.as_live:
+        raise UsageError(
+            "--form and --update go over a whole flight, which no live run has: leave --as-live, --jsonl and --publish out"
+        )
+    if options.other_filter is not None and options.smooth:
+        raise UsageError("--smooth goes back over the filter's own form: leave --form and --update out")
     if not 0.0 <= options.rate_hz <= 10_000.0:
         raise UsageError(f"--rate {options.rate_hz:g}: give rows a second, or 0 for every step")
     if not options.span[0] < options.span[1]:
@@ -215,7 +240,16 @@ def _offline(
     name: str, _: Array, rows: Array, options: Options, part: Callable[[float], object], __: object
 ) -> Iterator[SessionResult]:
     for session, mine in _sessions(rows, options):
-        done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part, options.smooth)
+        done = run_offline(
+            mine,
+            options.config,
+            options.rate_hz,
+            options.imu,
+            options.model,
+            part,
+            options.smooth,
+            options.other_filter,
+        )
         yield SessionResult(
             name,
             session,
@@ -226,6 +260,7 @@ def _offline(
             done.state,
             done.parameters,
             done.hindsight,
+            done.form,
         )
 
 

@@ -49,6 +49,13 @@ def _session(line: Any, session: dict[str, Any]) -> None:
     )
     for reason in session["setup"] + session["smoothing"]:
         line(f"  {reason}")
+    other = session["filter"]
+    if other is not None:
+        line(
+            f"  form {other['form']}, order {other['order']}, model {other['model']}: {other['predictions']} predictions of "
+            f"{other['prediction_us']:.1f} us, {other['updates']} updates of {other['update_us']:.1f} us; "
+            f"begun anew from the fold {other['restarts']} times"
+        )
     rates = session["rates_hz"]
     line("  rates: " + ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items()))
     gaps, counts = session["gaps"], session["counts"]

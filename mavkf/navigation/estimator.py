@@ -17,8 +17,10 @@ from mavkf.compiled import link_apart
 from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
+from mavkf.navigation.any_form import FormRun
 from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.events import SortedEvents, select, to_events
+from mavkf.navigation.form_flight import fly
 from mavkf.navigation.hindsight import look_back
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
@@ -30,7 +32,7 @@ Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
 HISTORY = 16_384  # events kept for late ones: five seconds at 3 kHz
 BUFFER = 1_024
-FORWARD_SHARE = 0.3  # of the work of a smoothed run
+FORWARD_SHARE = 0.3  # of the work of a run with a second pass
 BLOCK = 16_384  # events of an offline run that are made at once
 EARLY = 256  # rows kept from before the first sensor's
 
@@ -170,13 +172,17 @@ def fold_counts(state: Array) -> dict[str, int]:
 
 
 class Offline(msgspec.Struct):
-    """An offline run: its set-up, what it wrote, the final state, the parameters, and what smoothing made of the flight, in words."""
+    """An offline run: its set-up, what it wrote, the final state, the parameters.
+
+    hindsight: what smoothing made of the flight, in words; form: what another form was, where it made the pose rows.
+    """
 
     setup: Setup
     output: Output
     state: Array
     parameters: Array
     hindsight: tuple[str, ...] = ()
+    form: FormRun | None = None
 
 
 def run_offline(
@@ -187,10 +193,12 @@ def run_offline(
     model: str | None = None,
     progress: Callable[[float], object] | None = None,
     smoothing: bool = False,
+    form: tuple[str, str] | None = None,
 ) -> Offline:
     """Fold a session's rows (n, ROW_WIDTH; in the order of arrival) in the order in which they were measured.
 
-    progress: called with the share that is done, now and then; smoothing: whether the pose rows are smoothed by what came later.
+    progress: called with the share that is done, now and then; smoothing: whether the pose rows are smoothed by what came later;
+    form: names of a form of `mavkf.filters` and an order, whose pose rows are wanted instead (then not smoothed).
     """
     decider = SessionEstimator(config, rate_hz, imu, model)
     decider._decide(rows)
@@ -203,7 +211,7 @@ def run_offline(
     state = decider.state
     start = state.copy()
     part = progress or (lambda _: None)
-    share = FORWARD_SHARE if smoothing else 1.0
+    share = FORWARD_SHARE if smoothing or form else 1.0
     out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice
     poses = np.empty((len(events), L.POSE_WIDTH))  # most of it is never touched, where rows are thinned
     parts: list[Output] = []
@@ -220,11 +228,18 @@ def run_offline(
     output = joined(parts)
     output.poses = poses[:count]
     words: tuple[str, ...] = ()
-    if smoothing:
+    flown: FormRun | None = None
+
+    def second(done: float) -> object:
+        return part(share + (1.0 - share) * done)
+
+    if form is not None:
+        flown = fly(start, events, c, rate_hz, *form, output.poses, second)
+    elif smoothing:
         hindsight = look_back(state, output.innovations, output.notes)
         words = hindsight.words
-        smooth(start, events, c, rate_hz, hindsight, output.poses, lambda done: part(share + (1.0 - share) * done))
-    return Offline(setup, output, state, c, words)
+        smooth(start, events, c, rate_hz, hindsight, output.poses, second)
+    return Offline(setup, output, state, c, words, flown)
 
 
 def joined(parts: list[Output]) -> Output:

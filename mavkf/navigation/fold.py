@@ -33,6 +33,8 @@ from mavkf.navigation.plausible import (
 from mavkf.navigation.propagation import coast, set_acceleration, step
 from mavkf.navigation.slow_imu import advance, begin_telemetry, leave, use_sample
 from mavkf.navigation.sources import imu_in_use, in_use
+from mavkf.navigation.tape import is_detailed
+from mavkf.navigation.tape_detail import record_snapshot
 from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_class import use_airspeed, use_class
@@ -105,6 +107,8 @@ def watch_position(s, out):
 @compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def measure(s, e, c, out):
     """Fuse one measurement at the state's time."""
+    if is_detailed(out):
+        record_snapshot(s, e, out)
     kind = int(e[KIND])
     if kind == GNSS_KIND:
         use_gnss(s, e, c, out)

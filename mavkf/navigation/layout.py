@@ -228,7 +228,7 @@ def buffers(innovations: int, notes: int, recorded: int, tape: int = 0) -> tuple
         np.zeros(3, dtype=np.int64),
         np.full(2 * NOTE_CODES, -np.inf),
         np.full(recorded, -1.0),
-        np.empty(tape),
+        np.zeros(tape),
     )
 
 

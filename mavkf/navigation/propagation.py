@@ -35,7 +35,7 @@ from mavkf.navigation.monitors import follow_decay, follow_transition, stop_moni
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import begin_books
 from mavkf.navigation.sources import begin_sources
-from mavkf.navigation.tape import attend, is_recording, record_transition
+from mavkf.navigation.tape import attend, is_detailed, is_recording, record_noise, record_transition
 from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
 
@@ -159,6 +159,18 @@ def decay_colour(s, c, dt):
 
 
 @compiled
+def record_added(s, c, gyro, accel, dt, decaying, out):
+    """Record what `add_noise` adds to the diagonal in dt, and `decay_colour` in the time `decaying` (s, 0: none)."""
+    blank = s.copy()
+    P = L.covariance(blank)
+    P[:, :] = 0.0
+    add_noise(blank, c, gyro, accel, dt)
+    if decaying > 0.0:
+        decay_colour(blank, c, decaying)
+    record_noise(out, P.shape[0], np.diag(P).copy())
+
+
+@compiled
 def at_rest(x, imu):
     """A sample (6,) with the gyro as it would be if the body stood still on the earth: the earth's rate and the bias."""
     C = np.empty((3, 3))
@@ -214,7 +226,11 @@ def step(s, c, imu0, imu1, dt, gyro, accel, out):
     decay_colour(s, c, dt)
     s[L.T] += dt
     if recording:
+        if is_detailed(out):
+            record_added(s, c, gyro, accel, 0.5 * dt, 0.0, out)
         record_transition(s, out, Phi, dt)
+        if is_detailed(out):
+            record_added(s, c, gyro, accel, 0.5 * dt, dt, out)
 
 
 @compiled

@@ -11,8 +11,8 @@ from mavkf.navigation.codes import Reason, Sensor
 from mavkf.navigation.fusing import forget, fuse, widen
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
-from mavkf.navigation.propagation import add_noise, decay_colour, set_acceleration
-from mavkf.navigation.tape import attend, is_recording, record_link, record_transition
+from mavkf.navigation.propagation import add_noise, decay_colour, record_added, set_acceleration
+from mavkf.navigation.tape import attend, is_detailed, is_recording, record_link, record_noise, record_transition
 from mavkf.samples import GYRO_RESOLUTION
 
 RATE_TIME, FORCE_TIME = 10.0, 10.0  # s: how long a rate and an acceleration last of themselves
@@ -115,6 +115,9 @@ def advance(s, c, t, out):
     s[L.T] = t
     if recording:
         record_transition(s, out, Phi, dt)
+        if is_detailed(out):
+            record_noise(out, int(s[L.STATES]), Qd.ravel())
+            record_added(s, c, 0.0, 0.0, dt, dt, out)
     imu = np.empty(6)
     for i in range(3):
         s[L.RATE + i] = s[OMEGA + i]

@@ -9,6 +9,11 @@ entry left it and as the next one finds it, so nothing can be forgotten here (`a
     anything else                     BREAK: an estimate changed by other means than its own gain, as by a reset, a fault taken out,
                                       the first heading, another model that leads; a smoother begins anew before it
 
+In a mode of its own (DETAILED) the tape tells all that another filter needs to do the same (`any_form`): transitions are not merged, the
+noise added to the diagonal is an entry (NOISE), a correction has its R and sensor, a BREAK the covariance after it, and the state as a
+measurement finds it is kept with its event (SNAPSHOT). In another (PROBING) nothing is corrected: what would be fused is written with
+its r, H and R (PROBE), so that a measurement can be linearised wherever a copy of the state is put.
+
 Layout: next free place, number of error states, nominal state and covariance as the last entry left them, then entries. An entry is its
 content, then the number of error states, the length of the content and its kind, so that it can be read backward.
 """
@@ -22,10 +27,12 @@ from mavkf.models.strapdown import BG, DBG, THETA, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import OUT
 
-TRANSITION, CORRECTION, LINK, BREAK, POSE = range(5)
+TRANSITION, CORRECTION, LINK, BREAK, POSE, NOISE, SNAPSHOT, PROBE = range(8)
 LENGTH, STATES, X = 0, 1, 2
 P = X + L.X_SIZE
-BEGIN = P + L.STATES_MOST * L.STATES_MOST
+MODE = P + L.STATES_MOST * L.STATES_MOST
+BEGIN = MODE + 1
+FOR_SMOOTHING, DETAILED, PROBING = 0.0, 1.0, 2.0  # values of MODE
 TAIL = 3  # numbers behind the content of an entry
 C_SIZE, C_GAIN, C_R = (
     0,
@@ -52,6 +59,12 @@ TURNED = 0.2  # rad: a correction of the attitude beyond which its two sides hav
 def is_recording(out):
     """Whether what is done to the state is recorded."""
     return out[5].shape[0] > 0 and out[2][2] == 0
+
+
+@compiled
+def is_detailed(out):
+    """Whether what is recorded is recorded in detail."""
+    return is_recording(out) and out[5][MODE] == DETAILED
 
 
 @compiled
@@ -132,27 +145,50 @@ def attend(s, out):
         for j in range(both):
             broken = broken or (i < both and j != i and not cut[j] and Pn[i, j] != Pb[i, j])
     if broken:
-        close(tape, int(tape[LENGTH]), n, BREAK)
+        k = int(tape[LENGTH])
+        if tape[MODE] == DETAILED:
+            for i in range(n * n):
+                tape[k + i] = s[L.P + i]
+            k += n * n
+        close(tape, k, n, BREAK)
     else:
+        q = np.zeros(n)
         for i in range(n):
             if cut[i]:
-                write_link(tape, n, i, i, 0.0)
+                write_link(tape, n, i, i, 0.0, Pn[i, i])
+            else:
+                q[i] = Pn[i, i] - Pb[i, i]
+        if tape[MODE] == DETAILED and np.any(q > 0.0):
+            record_noise(out, n, q)
     keep(s, tape)
 
 
 @compiled
-def write_link(tape, n, to, of, factor):
-    """Write that error state `to` has become factor times error state `of` and something independent."""
+def write_link(tape, n, to, of, factor, variance):
+    """Write that error state `to` has become factor times error state `of` and something independent of this variance."""
     k = int(tape[LENGTH])
-    tape[k], tape[k + 1], tape[k + 2] = to, of, factor
-    close(tape, k + 3, n, LINK)
+    tape[k], tape[k + 1], tape[k + 2], tape[k + 3] = to, of, factor, variance
+    close(tape, k + 4, n, LINK)
+
+
+@compiled
+def record_noise(out, n, q):
+    """Record noise that was added: q (n,) to the diagonal, or all of a matrix (its numbers in a row) to the states that move."""
+    tape = out[5]
+    k = int(tape[LENGTH])
+    for i in range(q.shape[0]):
+        tape[k + i] = q[i]
+    close(tape, k + q.shape[0], n, NOISE)
 
 
 @compiled_apart(NOTHING, VECTOR, OUT, INTEGER, INTEGER, FLOAT)
 def record_link(s, out, to, of, factor):
     """Record that error state `to` has become factor times error state `of` and something independent; `attend` was called before."""
-    write_link(out[5], int(s[L.STATES]), to, of, factor)
-    keep(s, out[5])
+    tape = out[5]
+    before = tape[P + of * (int(tape[STATES]) + 1)]
+    variance = L.covariance(s)[to, to] - factor * factor * before
+    write_link(tape, int(s[L.STATES]), to, of, factor, variance)
+    keep(s, tape)
 
 
 @compiled_apart(NOTHING, VECTOR, OUT, MATRIX, FLOAT)
@@ -160,13 +196,19 @@ def record_transition(s, out, Phi, dt):
     """Record a transition over dt (s), and the decay of the coloured error in that time; `attend` was called before.
 
     Phi: the rows (9, TOP) of `strapdown.transition`, or (M, M) of the telemetry model's states that move. Where the last entry is of
-    the same kind, it becomes the transition over both.
+    the same kind, it becomes the transition over both, unless the tape is in detail.
     """
     tape = out[5]
     n, k = int(s[L.STATES]), int(tape[LENGTH])
     a, b = Phi.shape
     size = T_PHI + a * b
-    if k > BEGIN and tape[k - 1] == TRANSITION and tape[k - 2] == size and tape[k - 3] == n:
+    if (
+        tape[MODE] == FOR_SMOOTHING
+        and k > BEGIN
+        and tape[k - 1] == TRANSITION
+        and tape[k - 2] == size
+        and tape[k - 3] == n
+    ):
         k -= TAIL + size
         before = tape[k + T_PHI : k + size].copy().reshape((a, b))
         for axis in range(2):
@@ -188,11 +230,12 @@ def record_transition(s, out, Phi, dt):
     keep(s, tape)
 
 
-@compiled_apart(NOTHING, VECTOR, OUT, VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, FLOAT)
-def record_correction(s, out, r, H, inverse, K, PHt, dx, gain):
+@compiled_apart(NOTHING, VECTOR, OUT, VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, FLOAT, MATRIX, INTEGER)
+def record_correction(s, out, r, H, inverse, K, PHt, dx, gain, R, sensor):
     """Record a correction by the gain K (n, m) and innovation r (m,); `attend` was called before.
 
-    H: (m, n), inverse: S^-1 (m, m), PHt: P H' (n, m) before, dx: (n,); gain: which one it is.
+    H: (m, n), inverse: S^-1 (m, m), PHt: P H' (n, m) before, dx: (n,); gain: which one it is; R: (m, m) and the value of
+    the Sensor, for a tape in detail.
     """
     tape = out[5]
     m, n = H.shape
@@ -219,6 +262,14 @@ def record_correction(s, out, r, H, inverse, K, PHt, dx, gain):
                     full += PHt[i, b] * inverse[b, a]
                 tape[k + m * i + a] = full - K[i, a]
         k += n * m
+    if tape[MODE] == DETAILED:
+        for a in range(m):
+            for b in range(m):
+                tape[k + m * a + b] = R[a, b]
+        tape[k + m * m] = sensor
+        close(tape, k + m * m + 1, n, CORRECTION)
+        keep(s, tape)
+        return
     close(tape, k, n, CORRECTION)
     if dx[THETA] ** 2 + dx[THETA + 1] ** 2 + dx[THETA + 2] ** 2 > TURNED**2:
         close(tape, int(tape[LENGTH]), n, BREAK)
