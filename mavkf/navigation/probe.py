@@ -4,8 +4,8 @@ from mavkf.compiled import compiled
 from mavkf.models.strapdown import retract
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import measure
-from mavkf.navigation.tape import PROBING, rewind
 from mavkf.navigation.tape import MODE as TAPE_MODE
+from mavkf.navigation.tape import PROBING, rewind
 
 
 @compiled
