@@ -85,4 +85,8 @@ def differences(poses: Array, own: Array) -> tuple[float, float]:
     turn = poses[:, L.R_EULER : L.R_EULER + 3] - own[:, L.R_EULER : L.R_EULER + 3]
     turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
     states.append(turn / own[:, L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3])
-    return max(float(np.nanmax(np.abs(d))) for d in states), max(float(np.nanmax(np.abs(d))) for d in covariances)
+    return _largest(states), _largest(covariances)
+
+
+def _largest(found: list[Array]) -> float:
+    return max(float(np.nanmax(np.abs(each), initial=0.0)) for each in found)

@@ -8,6 +8,8 @@ its covariance is the form's own array A:
     state set anew   what a reset, a first heading or another model has made of the fold: A from its covariance, d <- 0
     link             a state that has become a multiple of another and noise, by the same change of both
 
+Where the noise is no covariance the transition is made on the form's covariance: the fourth order in which the telemetry model integrates
+its noise does not reach what a driven force does to the position in one short step, and correlations come out beyond one.
 A turn of d is composed with that of the correction, not added. Of first order d is rounding; the other orders make it what they are worth.
 Iterated: Gauss-Newton from the prior each time. Second order: Hessians at its own estimate. Both have h and H anew where the fold fuses a
 sensor's message; levelling, rest, what is known of the vehicle's class and the samples of a slow IMU are linear at the fold's estimate.
@@ -22,14 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.errors import UsageError
-from mavkf.filters.dense import cholesky
 from mavkf.filters.forms import apply
 from mavkf.filters.orders import ORDERS, iterate, second_order_covariance, second_order_mean
 from mavkf.models.strapdown import BG, DGNSS, retract
 from mavkf.models.telemetry import OMEGA
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
-from mavkf.navigation.form_steps import FormSteps
+from mavkf.navigation.form_steps import FormSteps, noise_columns
 from mavkf.navigation.pose import show
 from mavkf.navigation.relinearise import Measurement, composed
 from mavkf.navigation.tape_reader import Correction, Entry, correction, entries, noise, snapshot, transition
@@ -146,13 +147,16 @@ class AnyForm:
 
     def _predict(self) -> None:
         """Do what is pending: Phi with the noise before and after it."""
-        Phi = self._Phi if self._Phi is not None else np.eye(len(self.d))
-        G, q = _columns(self._after)
-        G_before, q_before = _columns(self._before)
-        if self._Phi is None and not q.size and not q_before.size:
+        n = len(self.d)
+        Phi = self._Phi if self._Phi is not None else np.eye(n)
+        if self._Phi is None and not np.any(self._before) and not np.any(self._after):
             return
-        G = np.ascontiguousarray(np.hstack([Phi @ G_before, G]))
-        self.steps.predict(self._A, Phi, G, np.concatenate([q_before, q]))
+        before, after = noise_columns(self._before), noise_columns(self._after)
+        if before is None or after is None:
+            self._A = self.steps.from_covariance(Phi @ (self.covariance + self._before) @ Phi.T + self._after)
+        else:
+            G = np.ascontiguousarray(np.hstack([Phi @ before[0], after[0]]))
+            self.steps.predict(self._A, Phi, G, np.concatenate([before[1], after[1]]))
         self.d = Phi @ self.d
         self._Phi = None
         self._before[:], self._after[:] = 0.0, 0.0
@@ -206,13 +210,3 @@ class AnyForm:
         else:
             row[L.R_RATE : L.R_RATE + 3] -= x[BG : BG + 3] - before[BG : BG + 3]
         show(x, self.covariance[:n, :n], int(row[L.R_VALID]), row)
-
-
-def _columns(Q: Array) -> tuple[Array, Array]:
-    """G (n, k) and q (k,) with G diag(q) G' = Q (n, n), a covariance: unit columns of what is diagonal."""
-    variances = np.diag(Q)
-    used = np.flatnonzero(variances > 0.0)
-    if np.count_nonzero(Q) == used.size:
-        return np.eye(len(Q))[:, used], variances[used]
-    G = cholesky(Q)[:, used]
-    return G, np.ones(used.size)

@@ -6,10 +6,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.filters.dense import cholesky
 from mavkf.filters.forms import KEEP_INVERSE, form_named
 from mavkf.models.strapdown import DFIELD, DIRON
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-9  # of a covariance of noise, against the product of two standard deviations
 FLOOR, FLOOR_FIELD = 1e-8, 1e-20  # variance, SI and T^2: of a state that is known exactly, for a form that inverts P
 
 
@@ -31,12 +33,16 @@ class FormSteps:
 
     A form that keeps the inverse of P has no place for a state that is known exactly: its variance is taken as FLOOR, a ten thousandth of
     a unit squared.
+
+    The standard form is kept symmetric, the least of its usual remedies: what rounding leaves of P - P' is not corrected by (1 - K H) P but
+    grows with every measurement, and over minutes of flight it ends the filter.
     """
 
     def __init__(self, form: str) -> None:
         """form: a name of `mavkf.filters.forms.FORMS`; raises UsageError with the names there are."""
         self.module = form_named(form)
         self.inverse = form in KEEP_INVERSE
+        self._loses_symmetry = form == "covariance"
         self.cost = Cost()
         self.considered: NDArray[np.bool_] = np.zeros(0, dtype=bool)
 
@@ -59,6 +65,7 @@ class FormSteps:
         """P <- Phi P Phi' + G diag(q) G', in place."""
         begin = time.perf_counter()
         self.module.predict(A, Phi, G, q)
+        self._repair(A)
         self.cost.prediction_s += time.perf_counter() - begin
         self.cost.predictions += 1
 
@@ -75,4 +82,21 @@ class FormSteps:
             dx[self.considered] = 0.0
         else:
             self.module.update(A, H, r, dx)
+        self._repair(A)
         self.cost.update_s += time.perf_counter() - begin
+
+    def _repair(self, A: Array) -> None:
+        if self._loses_symmetry:
+            A[...] = 0.5 * (A + A.T)
+
+
+def noise_columns(Q: Array) -> tuple[Array, Array] | None:
+    """G (n, k) and q (k,) with G diag(q) G' = Q (n, n): unit columns where it is diagonal; None where Q is no covariance."""
+    variances = np.diag(Q)
+    used = np.flatnonzero(variances > 0.0)
+    if np.count_nonzero(Q) == used.size:
+        return np.eye(len(Q))[:, used], variances[used]
+    G, sigma = cholesky(Q)[:, used], np.sqrt(np.maximum(variances, 0.0))
+    if np.any(np.abs(G @ G.T - Q) > ROUNDING * np.outer(sigma, sigma)):
+        return None
+    return G, np.ones(used.size)
