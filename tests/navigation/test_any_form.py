@@ -137,6 +137,17 @@ def test_considered_states_are_left_alone_and_count(form: str) -> None:
     np.testing.assert_allclose(steps.to_covariance(A), left @ P @ left.T + K @ K.T, atol=1e-8)
 
 
+def test_the_standard_form_is_kept_symmetric() -> None:
+    steps, n = FormSteps("covariance"), 26
+    A, dx = np.eye(n) + 1e-3 * np.triu(np.ones((n, n)), 1), np.empty(n)
+    steps.predict(A, np.eye(n), np.eye(n), np.ones(n))
+    np.testing.assert_array_equal(A, A.T)
+    A[0, 1] += 1e-9
+    steps.considered = np.zeros(n, dtype=bool)
+    steps.update(A, np.eye(n)[:2].copy(), np.ones(2), dx)
+    np.testing.assert_array_equal(A, A.T)
+
+
 def test_the_left_jacobian_is_that_of_composed_turns() -> None:
     theta, e = np.array([0.3, -0.8, 0.5]), 1e-6 * np.array([1.0, 2.0, -1.0])
     np.testing.assert_allclose(composed(theta, left_jacobian(theta) @ e), theta + e, atol=1e-11)
