@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,17 @@ def test_forms_and_orders_that_cannot_be(
 ) -> None:
     assert main(["replay", str(log), *options]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_the_summary_names_form_order_and_model(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["replay", str(log), "--form", "ud", "--update", "iterated", "--model", "constant-velocity"]
+    main([*options, "--json"])
+    (session,) = json.loads(capsys.readouterr().out)["sessions"]
+    told = session["filter"]
+    assert (told["form"], told["order"], told["model"]) == ("ud", "iterated", "constant-velocity")
+    assert told["prediction_us"] > 0.0
+    assert told["update_us"] > 0.0
+    main(options)
+    assert "form ud, order iterated, model constant-velocity" in capsys.readouterr().out
+    main(["replay", str(log), "--json"])
+    assert json.loads(capsys.readouterr().out)["sessions"][0]["filter"] is None
