@@ -1,9 +1,9 @@
-"""`python -m benchmarks NAME`: accuracy, integrity, reading. Tables on stdout; `--json FILE` writes the numbers too."""
+"""`python -m benchmarks NAME`: accuracy, forms, integrity, reading. Tables on stdout; `--json FILE` writes the numbers too."""
 
 import importlib
 import sys
 
-NAMES = ("accuracy", "integrity", "reading")
+NAMES = ("accuracy", "forms", "integrity", "reading")
 
 
 def main() -> int:

@@ -16,7 +16,7 @@ class _Replay(ModuleType):
         """Estimate a log. Returns arrays by vehicle and session.
 
         Options are those of `mavkf.replay.run.Options` (as_live, rate_hz, span, vehicle, session, imu, model, config,
-        faults); imu may be a name, and faults texts.
+        faults, smooth, form, update); imu may be a name, and faults texts.
         Each session is a dict of arrays (n,): the columns of the CSV export, `time_boot_s` to `sigma_yaw_deg`.
         Raises LogError or UsageError.
         """

@@ -40,6 +40,9 @@ FORMATS = {
 }
 
 
+BLOCK = 10_000  # rows that are written at once
+
+
 def columns(poses: Array) -> dict[str, Array]:
     """Columns by the names of FORMATS, each (n,), of pose rows (n, POSE_WIDTH); NaN where nothing is known."""
     pose = poses[:, L.R_POSE_COVARIANCE : L.R_POSE_COVARIANCE + 36]
@@ -106,16 +109,17 @@ def write_csv(path: Path, sessions: Iterable[SessionResult]) -> int:
         with path.open("w", encoding="utf-8", newline="\n") as file:
             file.write("vehicle,session," + ",".join(FORMATS) + ",mode\n")
             for result in sessions:
-                poses = result.output.poses
-                table = np.column_stack(list(columns(poses).values()))
                 head = f"{result.vehicle},{result.session},"
-                modes = [MODES[int(mode)] for mode in poses[:, L.R_MODE]]
-                # NaN prints as nan: the only letters in the numbers, so they can be taken out as text
-                file.writelines(
-                    head + (pattern % tuple(row)).replace("nan", "") + "," + mode + "\n"
-                    for row, mode in zip(table.tolist(), modes, strict=True)
-                )
-                count += poses.shape[0]
+                for first in range(0, result.output.poses.shape[0], BLOCK):
+                    poses = result.output.poses[first : first + BLOCK]
+                    table = np.column_stack(list(columns(poses).values()))
+                    modes = [MODES[int(mode)] for mode in poses[:, L.R_MODE]]
+                    # NaN prints as nan: the only letters in the numbers, so they can be taken out as text
+                    file.writelines(
+                        head + (pattern % tuple(row)).replace("nan", "") + "," + mode + "\n"
+                        for row, mode in zip(table.tolist(), modes, strict=True)
+                    )
+                    count += poses.shape[0]
     except OSError as error:
         raise UsageError(
             f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists"

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
+from mavkf.filters.forms import FORMS
+from mavkf.filters.orders import ORDERS
 from mavkf.link.clocks import ClockCounts, VehicleClock
+from mavkf.navigation.any_form import FormRun
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts, joined, run_offline
 from mavkf.navigation.setup import MODELS, Setup
 from mavkf.replay.faults import Fault, apply_faults
@@ -21,6 +24,7 @@ from mavkf.samples import IMU_SOURCES, KIND, SEQUENCE, SESSION, TIME, Kind, Sour
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
 Array = NDArray[np.float64]
+OWN_FORM = "joseph"  # the form of the fold
 BLOCK = 50_000  # rows between two calls of `progress`
 
 
@@ -32,7 +36,8 @@ class Options:
     rate_hz: rows a second of boot time, 0 for every step. span: boot times (s) to use.
     vehicle: `<sysid>-<compid>`, session: its number; None: all.
     imu: the IMU message to use; model: one of MODELS; None: chosen from the session's first seconds.
-    faults: to put into the samples first.
+    faults: to put into the samples first. smooth: whether each pose rests on what came later too (not as_live).
+    form, update: a form and an order of `mavkf.filters`, to run the flight with (not as_live, not smooth); None: as the service does.
     """
 
     as_live: bool = False
@@ -44,6 +49,16 @@ class Options:
     model: str | None = None
     config: Config = field(default_factory=Config)
     faults: tuple[Fault, ...] = ()
+    smooth: bool = False
+    form: str | None = None
+    update: str | None = None
+
+    @property
+    def other_filter(self) -> tuple[str, str] | None:
+        """The form and order to run with, where one of them was asked for."""
+        if self.form is None and self.update is None:
+            return None
+        return self.form or OWN_FORM, self.update or ORDERS[0]
 
 
 @dataclass(frozen=True)
@@ -51,7 +66,8 @@ class SessionResult:
     """What came of one session of one vehicle.
 
     rows: its timed sample rows (n, ROW_WIDTH), in the order of arrival; output: pose rows, innovations and notes of the fold;
-    counts: what the fold counted; state: of the fold at the end (STATE_SIZE,); parameters: what it was told (PARAMETERS,).
+    counts: what the fold counted; state: of the fold at the end (STATE_SIZE,); parameters: what it was told (PARAMETERS,);
+    hindsight: what smoothing made of the flight, in words; form: what another form and order cost, where they made the pose rows.
     """
 
     vehicle: str
@@ -62,11 +78,13 @@ class SessionResult:
     counts: dict[str, int]
     state: Array
     parameters: Array
+    hindsight: tuple[str, ...] = ()
+    form: FormRun | None = None
 
 
 @dataclass(frozen=True)
 class Result:
-    """A replayed log: its sessions by vehicle, the counts of each vehicle's clock, and the seconds of work."""
+    """A replayed log, without its rows: its sessions by vehicle, the counts of each vehicle's clock, and the seconds of work."""
 
     log: Log
     sessions: list[SessionResult]
@@ -91,6 +109,20 @@ def check(options: Options) -> Options:
     """The options, if they make sense. Raises UsageError."""
     if options.model is not None and options.model not in MODELS:
         raise UsageError(f"--model {options.model}: choose one of {', '.join(MODELS)}")
+    if options.smooth and options.as_live:
+        raise UsageError(
+            "--smooth uses what came later, which no live run knows: leave --as-live, --jsonl and --publish out"
+        )
+    if options.form is not None and options.form not in FORMS:
+        raise UsageError(f"--form {options.form}: choose one of {', '.join(FORMS)}")
+    if options.update is not None and options.update not in ORDERS:
+        raise UsageError(f"--update {options.update}: choose one of {', '.join(ORDERS)}")
+    if options.other_filter is not None and options.as_live:
+        raise UsageError(
+            "--form and --update go over a whole flight, which no live run has: leave --as-live, --jsonl and --publish out"
+        )
+    if options.other_filter is not None and options.smooth:
+        raise UsageError("--smooth goes back over the filter's own form: leave --form and --update out")
     if not 0.0 <= options.rate_hz <= 10_000.0:
         raise UsageError(f"--rate {options.rate_hz:g}: give rows a second, or 0 for every step")
     if not options.span[0] < options.span[1]:
@@ -143,7 +175,7 @@ def run(
                 progress("estimating", (k + share) / len(addresses))
 
         name = vehicle_name(address)
-        found, clocks[name] = run_rows(name, log.rows[address], options, part, each)
+        found, clocks[name] = run_rows(name, log.rows.pop(address), options, part, each)
         sessions += found
     if options.session is not None and not sessions:
         raise UsageError(
@@ -168,9 +200,11 @@ def run_rows(
         rows = apply_faults(rows, options.faults, boot_times(rows, options.config.timeline.window_s))
     timed, counts = on_boot_clock(rows, options.config.timeline.window_s)
     timed = within(timed, options.span)
+    if not options.as_live:
+        rows = timed  # the others may go
     estimate = _as_live if options.as_live else _offline
     part = progress or (lambda _: None)
-    return list(estimate(name, rows if options.as_live else timed, timed, options, part, each)), counts
+    return list(estimate(name, rows, timed, options, part, each)), counts
 
 
 def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
@@ -179,7 +213,8 @@ def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
     window_s: as of `mavkf.config.Timeline`.
     """
     clock = VehicleClock(window_s)
-    return np.concatenate([clock.push(rows), clock.flush()]), clock.counts
+    timed, held = clock.push(rows), clock.flush()
+    return np.concatenate([timed, held]) if held.size else timed, clock.counts
 
 
 def boot_times(rows: Array, window_s: float) -> Array:
@@ -195,7 +230,8 @@ def boot_times(rows: Array, window_s: float) -> Array:
 def _sessions(rows: Array, options: Options) -> Iterator[tuple[int, Array]]:
     """The wanted sessions of timed rows, with those of their rows that have a sensor's sample among them."""
     for session in np.unique(rows[:, SESSION]).astype(int):
-        mine = rows[rows[:, SESSION] == session]
+        its = rows[:, SESSION] == session
+        mine = rows if its.all() else rows[its]
         if options.session in (None, session) and np.isin(mine[:, KIND], (Kind.IMU, Kind.GNSS)).any():
             yield int(session), mine
 
@@ -204,9 +240,27 @@ def _offline(
     name: str, _: Array, rows: Array, options: Options, part: Callable[[float], object], __: object
 ) -> Iterator[SessionResult]:
     for session, mine in _sessions(rows, options):
-        done = run_offline(mine, options.config, options.rate_hz, options.imu, options.model, part)
+        done = run_offline(
+            mine,
+            options.config,
+            options.rate_hz,
+            options.imu,
+            options.model,
+            part,
+            options.smooth,
+            options.other_filter,
+        )
         yield SessionResult(
-            name, session, done.setup, mine, done.output, fold_counts(done.state), done.state, done.parameters
+            name,
+            session,
+            done.setup,
+            mine,
+            done.output,
+            fold_counts(done.state),
+            done.state,
+            done.parameters,
+            done.hindsight,
+            done.form,
         )
 
 

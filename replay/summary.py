@@ -95,6 +95,8 @@ def _session(session: SessionResult, result: Result, details: bool) -> dict[str,
         "autopilot": setup.autopilot,
         "vehicle_type": setup.vehicle_type,
         "setup": list(setup.reasons),
+        "smoothing": list(session.hindsight),
+        "filter": _filter(session),
         "delays_s": {
             "gnss": setup.gnss_delay,
             "imu": setup.imu_delay,
@@ -120,6 +122,23 @@ def _session(session: SessionResult, result: Result, details: bool) -> dict[str,
             for event in (writer.event(note, session.session) for note in session.output.notes)
         ],
         "warnings": warnings(session),
+    }
+
+
+def _filter(session: SessionResult) -> dict[str, Any] | None:
+    """The form and order that the flight was run with instead of the service's own, the model to begin with, and the cost of a step."""
+    if session.form is None:
+        return None
+    run = session.form
+    return {
+        "form": run.form,
+        "order": run.order,
+        "model": session.setup.model,
+        "predictions": run.predictions,
+        "prediction_us": _number(run.prediction_us, 2),
+        "updates": run.updates,
+        "update_us": _number(run.update_us, 2),
+        "restarts": run.restarts,
     }
 
 

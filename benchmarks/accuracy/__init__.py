@@ -7,6 +7,7 @@ Parts, in the order in which they run:
     flights      recorded flights against their truth
     decimation   the same with the IMU thinned to what slow links carry
     outages      GNSS cut out of a flight: error at the end of the gap
+    smoothed     recorded flights and outages, each pose by what came later too
     honesty      error over claimed sigma, on a recorded flight and pooled over simulated ones; NEES
     drive        a car with an RTK receiver, its fixes hidden for 15 s at a time
     kitti        a car with fixes once a second and an IMU whose clock lags
@@ -32,7 +33,7 @@ from benchmarks.accuracy.common import Settings, say
 from mavkf.config import Config, with_settings
 from mavkf.errors import UsageError
 
-PARTS = ("flights", "decimation", "outages", "honesty", "drive", "kitti", "ingredients", "public")
+PARTS = ("flights", "decimation", "outages", "smoothed", "honesty", "drive", "kitti", "ingredients", "public")
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -47,9 +47,9 @@ FLIGHTS = (
 )
 
 
-def measure(folder: Path, flight: Flight, config: Config, as_live: bool) -> dict[str, Any]:
+def measure(folder: Path, flight: Flight, config: Config, as_live: bool, smooth: bool = False) -> dict[str, Any]:
     """Errors of one flight, by quantity: rms, error over sigma, coverage."""
-    options = Options(as_live=as_live, config=config, vehicle=flight.vehicle)
+    options = Options(as_live=as_live, config=config, vehicle=flight.vehicle, smooth=smooth)
     estimate = columns(replay(folder / f"{flight.log}.tlog", options).sessions[0].output.poses)
     if flight.leave_out is not None:
         t = estimate["time_boot_s"]

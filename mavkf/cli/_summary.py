@@ -47,8 +47,15 @@ def _session(line: Any, session: dict[str, Any]) -> None:
         f"vehicle {session['vehicle']}, session {session['session']}: "
         f"{session['from_s']:.1f} s to {session['to_s']:.1f} s on the boot clock"
     )
-    for reason in session["setup"]:
+    for reason in session["setup"] + session["smoothing"]:
         line(f"  {reason}")
+    other = session["filter"]
+    if other is not None:
+        line(
+            f"  form {other['form']}, order {other['order']}, model {other['model']}: {other['predictions']} predictions of "
+            f"{other['prediction_us']:.1f} us, {other['updates']} updates of {other['update_us']:.1f} us; "
+            f"begun anew from the fold {other['restarts']} times"
+        )
     rates = session["rates_hz"]
     line("  rates: " + ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items()))
     gaps, counts = session["gaps"], session["counts"]

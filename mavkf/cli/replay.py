@@ -35,6 +35,9 @@ def replay(  # noqa: D417 (the rest is described in _console)
     csv: Path | None = None,
     jsonl: Path | None = None,
     as_live: bool = False,
+    smooth: bool = False,
+    form: str | None = None,
+    update: str | None = None,
     start: Annotated[float, Parameter(name="--from")] = -math.inf,
     end: Annotated[float, Parameter(name="--to")] = math.inf,
     rate: float = 50.0,
@@ -65,6 +68,9 @@ def replay(  # noqa: D417 (the rest is described in _console)
         csv: Write the estimates to this file.
         jsonl: Write the pose records to this file, one JSON object a line, as they are published (implies --as-live).
         as_live: Feed the samples in their order of arrival.
+        smooth: Let each pose rest on the whole flight, what came later included.
+        form: Run the flight with this form of the filter, as ud (any other name lists them).
+        update: first, iterated or second-order: the order of the updates.
         start: Use samples from this boot time on, s.
         end: Use samples up to this boot time, s.
         rate: Rows (poses) a second of boot time; 0 for every step.
@@ -105,6 +111,9 @@ def replay(  # noqa: D417 (the rest is described in _console)
         model=model,
         config=with_settings(read_config(config) if config else Config(), set),
         faults=tuple(map(parse_fault, fault)),
+        smooth=smooth,
+        form=form,
+        update=update,
     )
     map_log(log)  # a wrong path is said at once, not after the compiler
     ensure_compiled(say)

@@ -12,6 +12,7 @@ its own can change form without changing anything else.
 """
 
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -79,9 +80,10 @@ def noise_factor(Q: np.ndarray, name: str = "Q") -> tuple[np.ndarray, np.ndarray
     return G, q
 
 
-def apply(form: ModuleType, A: np.ndarray, H: np.ndarray, R: np.ndarray, r: np.ndarray) -> np.ndarray:
+def apply(form: Any, A: np.ndarray, H: np.ndarray, R: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Correct A in place by one vector measurement of innovation r (m,), and return dx (n,).
 
+    form: what has the `update` of a form.
     H: (m, n); R: (m, m) positive definite, correlated or not; NaN in r is a component that is missing. Raises UsageError where R is not
     positive definite.
     """

@@ -16,7 +16,7 @@ estimate.
 """
 
 from collections.abc import Callable
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def second_order_covariance(hessians: Array, P: Array) -> Array:
 
 
 def iterate(
-    form: ModuleType,
+    form: Any,
     A: Array,
     x: Array,
     sigma: Array,
@@ -49,7 +49,8 @@ def iterate(
 ) -> tuple[Array, Array, Array, int]:
     """The iterated update: returns x (n,), the r (m,) and H (m, n) of the last iteration, and the number of iterations.
 
-    A: the form's array, corrected in place; x: (n,) predicted; sigma: (n,) its standard deviations, in which a step is measured;
+    form: what has the `update` of a form.
+    A: its array, corrected in place; x: (n,) predicted; sigma: (n,) its standard deviations, in which a step is measured;
     measure(x): innovation z - h(x) (m,), NaN where missing, and H (m, n). Ends when no state moves by more than `tolerance` of its
     sigma, or after `limit` iterations (the count is then `limit`): the last linearisation stands.
     """

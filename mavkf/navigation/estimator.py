@@ -15,36 +15,25 @@ from numpy.typing import NDArray
 
 from mavkf.compiled import link_apart
 from mavkf.config import Config
-from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
+from mavkf.navigation.any_form import FormRun
 from mavkf.navigation.codes import SENSORS
-from mavkf.navigation.earth_field import earth_field
+from mavkf.navigation.events import SortedEvents, select, to_events
+from mavkf.navigation.form_flight import fly
+from mavkf.navigation.hindsight import look_back
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
-from mavkf.samples import (
-    ACCEL,
-    ARRIVAL,
-    FIELD,
-    FIX,
-    GNSS_SOURCES,
-    GYRO,
-    IMU_SOURCES,
-    KIND,
-    LATITUDE,
-    LONGITUDE,
-    ROW_WIDTH,
-    SOURCE,
-    TIME,
-    Kind,
-    Source,
-)
+from mavkf.navigation.smoother import smooth
+from mavkf.samples import KIND, TIME, Kind, Source
 
 Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
 HISTORY = 16_384  # events kept for late ones: five seconds at 3 kHz
 BUFFER = 1_024
+FORWARD_SHARE = 0.3  # of the work of a run with a second pass
+BLOCK = 16_384  # events of an offline run that are made at once
 EARLY = 256  # rows kept from before the first sensor's
 
 
@@ -54,61 +43,6 @@ class Output(msgspec.Struct):
     poses: Array
     innovations: Array
     notes: Array
-
-
-def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
-    """Which rows (n, ROW_WIDTH) the fold gets: what is used or may have to be, all receivers, and heartbeats."""
-    kind, source = rows[:, KIND], rows[:, SOURCE]
-    use = kind == Kind.HEARTBEAT
-    for wanted, sources in (
-        (Kind.GNSS, GNSS_SOURCES),
-        (Kind.IMU, setup.imus),
-        (Kind.MAGNETOMETER, setup.magnetometers),
-        (Kind.BAROMETER, setup.barometers),
-    ):
-        use |= (kind == wanted) & np.isin(source, sources)
-    chosen_rows: NDArray[np.bool_] = use & np.isfinite(rows[:, TIME])
-    return chosen_rows
-
-
-def turn_sensors(rows: Array, rotation: tuple[float, float, float]) -> None:
-    """Turn what the IMU messages hold (n, ROW_WIDTH) from the sensor frame into the body, in place: v_b = C_bs v_s.
-
-    rotation: roll, pitch, yaw (rad) of the sensor frame in the body, ZYX. Right angles are exact, so that whole counts stay whole.
-    """
-    if not any(rotation):
-        return
-    q, C = np.empty(4), np.empty((3, 3))
-    quaternion_from_euler(*rotation, q)
-    rotation_matrix(q, C)
-    C = np.round(C, 15)
-    for kind, columns in ((Kind.IMU, (GYRO, ACCEL)), (Kind.MAGNETOMETER, (FIELD,))):
-        mine = (rows[:, KIND] == kind) & np.isin(rows[:, SOURCE], IMU_SOURCES)
-        for k in columns:
-            x, y, z = (rows[mine, k + i] for i in range(3))
-            for i in range(3):
-                # summed one by one: a matrix product's last bit depends on how many rows there are
-                rows[mine, k + i] = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z
-
-
-def to_events(rows: Array, setup: Setup, first_id: int) -> Array:
-    """Events (n, EVENT_WIDTH) of selected rows: measured time in TIME, the earth's field beside each fix, running numbers."""
-    events = np.full((rows.shape[0], L.EVENT_WIDTH), np.nan)
-    events[:, :ROW_WIDTH] = rows
-    turn_sensors(events, setup.imu_rotation)
-    for kind, delay in (
-        (Kind.IMU, setup.imu_delay),
-        (Kind.GNSS, setup.gnss_delay),
-        (Kind.MAGNETOMETER, setup.magnetometer_delay),
-        (Kind.BAROMETER, setup.barometer_delay),
-    ):
-        events[events[:, KIND] == kind, TIME] -= delay
-    events[:, L.EVENT_ID] = np.arange(first_id, first_id + rows.shape[0])
-    for i in np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, FIX] >= 3)):
-        events[i, L.FIELD_N : L.FIELD_N + 3] = earth_field(
-            events[i, LATITUDE], events[i, LONGITUDE], events[i, ARRIVAL]
-        )
-    return events
 
 
 class SessionEstimator:
@@ -238,12 +172,17 @@ def fold_counts(state: Array) -> dict[str, int]:
 
 
 class Offline(msgspec.Struct):
-    """An offline run: its set-up, what it wrote, the final state, and the parameters."""
+    """An offline run: its set-up, what it wrote, the final state, the parameters.
+
+    hindsight: what smoothing made of the flight, in words; form: what another form was, where it made the pose rows.
+    """
 
     setup: Setup
     output: Output
     state: Array
     parameters: Array
+    hindsight: tuple[str, ...] = ()
+    form: FormRun | None = None
 
 
 def run_offline(
@@ -253,10 +192,13 @@ def run_offline(
     imu: Source | None = None,
     model: str | None = None,
     progress: Callable[[float], object] | None = None,
+    smoothing: bool = False,
+    form: tuple[str, str] | None = None,
 ) -> Offline:
     """Fold a session's rows (n, ROW_WIDTH; in the order of arrival) in the order in which they were measured.
 
-    progress: called with the share that is done, now and then.
+    progress: called with the share that is done, now and then; smoothing: whether the pose rows are smoothed by what came later;
+    form: names of a form of `mavkf.filters` and an order, whose pose rows are wanted instead (then not smoothed).
     """
     decider = SessionEstimator(config, rate_hz, imu, model)
     decider._decide(rows)
@@ -265,19 +207,39 @@ def run_offline(
     setup = decider.setup
     assert setup is not None
     c = decider.parameters
-    events = timeline.in_order(to_events(rows[select(rows, setup)], setup, 0))
+    events = SortedEvents(rows, setup)
     state = decider.state
+    start = state.copy()
+    part = progress or (lambda _: None)
+    share = FORWARD_SHARE if smoothing or form else 1.0
     out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice
-    poses = np.empty((16 * BUFFER, L.POSE_WIDTH))
+    poses = np.empty((len(events), L.POSE_WIDTH))  # most of it is never touched, where rows are thinned
     parts: list[Output] = []
-    i, slot = 0, -1
-    while i < events.shape[0]:
-        out[2][:] = 0
-        i, n, slot = timeline.run_batch(state, events, i, slot, c, rate_hz, poses, out)
-        if progress is not None:
-            progress(i / events.shape[0])
-        parts.append(Output(poses[:n].copy(), out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))
-    return Offline(setup, joined(parts), state, c)
+    count, slot = 0, -1
+    for first in range(0, len(events), BLOCK):
+        block = events.block(first, first + BLOCK)
+        i = 0
+        while i < block.shape[0]:
+            out[2][:] = 0
+            i, n, slot = timeline.run_batch(state, block, i, slot, c, rate_hz, poses[count:], out)
+            count += n
+            parts.append(Output(poses[:0], out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))
+        part(share * min(1.0, (first + BLOCK) / len(events)))
+    output = joined(parts)
+    output.poses = poses[:count]
+    words: tuple[str, ...] = ()
+    flown: FormRun | None = None
+
+    def second(done: float) -> object:
+        return part(share + (1.0 - share) * done)
+
+    if form is not None:
+        flown = fly(start, events, c, rate_hz, *form, output.poses, second)
+    elif smoothing:
+        hindsight = look_back(state, output.innovations, output.notes)
+        words = hindsight.words
+        smooth(start, events, c, rate_hz, hindsight, output.poses, second)
+    return Offline(setup, output, state, c, words, flown)
 
 
 def joined(parts: list[Output]) -> Output:

@@ -31,8 +31,10 @@ from mavkf.navigation.plausible import (
     plausible,
 )
 from mavkf.navigation.propagation import coast, set_acceleration, step
-from mavkf.navigation.slow_imu import advance, enter, leave, use_sample
+from mavkf.navigation.slow_imu import advance, begin_telemetry, leave, use_sample
 from mavkf.navigation.sources import imu_in_use, in_use
+from mavkf.navigation.tape import is_detailed
+from mavkf.navigation.tape_detail import record_snapshot
 from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_class import use_airspeed, use_class
@@ -63,7 +65,7 @@ def choose_model(s, e, c, out):
     told = model == L.CONSTANT_VELOCITY or s[L.MODEL] == L.CONSTANT_VELOCITY
     s[L.MODEL] = model
     if model == L.TELEMETRY:
-        enter(s, e, c)
+        begin_telemetry(s, e, c, out)
     if told:
         note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, model, 0.0)
 
@@ -105,6 +107,8 @@ def watch_position(s, out):
 @compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def measure(s, e, c, out):
     """Fuse one measurement at the state's time."""
+    if is_detailed(out):
+        record_snapshot(s, e, out)
     kind = int(e[KIND])
     if kind == GNSS_KIND:
         use_gnss(s, e, c, out)
@@ -138,14 +142,14 @@ def use_imu(s, e, c, out):
         gyro, accel = watch_samples(s, e, c, imu, dt)
     if s[L.ALIGNED] == 0.0:
         fuse_waiting(s, c, out, False)
-        coast_or_start(s, c, t)
+        coast_or_start(s, c, t, out)
         collect(s, imu, t, c, out)
     elif gap or first:
         fuse_waiting(s, c, out, False)
-        coast_or_start(s, c, t)
+        coast_or_start(s, c, t, out)
     elif s[L.MODEL] == L.TELEMETRY:
         fuse_waiting(s, c, out, True)
-        advance(s, c, t)
+        advance(s, c, t, out)
     else:
         interpolate(s, imu, t, c, out)
     s[L.T_IMU] = t
@@ -156,7 +160,7 @@ def use_imu(s, e, c, out):
     watch_imu(s, out)
     if s[L.MODEL] == L.TELEMETRY:
         if gap:
-            enter(s, e, c)
+            begin_telemetry(s, e, c, out)
         else:
             use_sample(s, e, c, out)
     if s[L.ALIGNED] != 0.0 and s[L.MODEL] == L.CONSTANT_VELOCITY:
@@ -183,7 +187,7 @@ def interpolate(s, imu, t, c, out):
             share = (e[TIME] - t0) / (t - t0)
             for i in range(6):
                 end[i] = previous[i] + share * (imu[i] - previous[i])
-            step(s, c, start, end, dt, s[L.NOISE_GYRO], s[L.NOISE_ACCEL])
+            step(s, c, start, end, dt, s[L.NOISE_GYRO], s[L.NOISE_ACCEL], out)
             s[L.T] = e[TIME]
             start[:] = end
             for i in range(3):
@@ -191,15 +195,15 @@ def interpolate(s, imu, t, c, out):
             set_acceleration(s, end)
         measure(s, e, c, out)
     s[L.PENDING_COUNT] = 0.0
-    step(s, c, start, imu, t - s[L.T], s[L.NOISE_GYRO], s[L.NOISE_ACCEL])
+    step(s, c, start, imu, t - s[L.T], s[L.NOISE_GYRO], s[L.NOISE_ACCEL], out)
     s[L.T] = t
 
 
 @compiled
-def coast_or_start(s, c, t):
+def coast_or_start(s, c, t, out):
     """Bring the state to time t without an IMU; the first event of a session starts its clock."""
     if math.isfinite(s[L.T]):
-        coast(s, c, t)
+        coast(s, c, t, out)
     else:
         s[L.T] = t
 
@@ -211,9 +215,9 @@ def fuse_waiting(s, c, out, by_model):
     for k in range(n):
         e = s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH].copy()
         if by_model:
-            advance(s, c, e[TIME])
+            advance(s, c, e[TIME], out)
         else:
-            coast_or_start(s, c, e[TIME])
+            coast_or_start(s, c, e[TIME], out)
         measure(s, e, c, out)
     s[L.PENDING_COUNT] = 0.0
 
@@ -269,6 +273,6 @@ def fold_one(s, e, c, out):
             s[L.PENDING_COUNT] += 1.0
             return
         fuse_waiting(s, c, out, False)
-        coast_or_start(s, c, e[TIME])
+        coast_or_start(s, c, e[TIME], out)
         measure(s, e, c, out)
         watch_position(s, out)

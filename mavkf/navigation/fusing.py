@@ -15,6 +15,17 @@ from mavkf.navigation.codes import NOTE_CODES, SENSORS, Reason, Sensor
 from mavkf.navigation.layout import OUT
 from mavkf.navigation.monitors import watch
 from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.tape import (
+    CONSIDERED,
+    KEPT_FROM_MOTION,
+    MODE,
+    OPTIMAL,
+    PROBING,
+    attend,
+    is_recording,
+    record_correction,
+)
+from mavkf.navigation.tape_detail import record_probe
 from mavkf.samples import SOURCE
 
 SLOWEST_FOR_LEARNING = 0.05  # s between IMU samples, above which its own errors look like a delay or a wander of GNSS
@@ -93,6 +104,9 @@ def fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting):
 @compiled_apart(FLOAT, VECTOR, VECTOR, VECTOR, OUT, INTEGER, VECTOR, MATRIX, MATRIX, MATRIX, BOOLEAN, INTEGER)
 def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     """What `fuse` and `fuse_lasting` do; lasts: whether R_lasting is not R; sensor and suspect: values of a Sensor and a Reason."""
+    if is_recording(out) and out[5][MODE] == PROBING:
+        record_probe(out, sensor, r, H, R_lasting)
+        return 0.0
     m = r.shape[0]
     P = L.covariance(s)
     PHt = np.empty((P.shape[0], m))
@@ -127,9 +141,15 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     dx = np.empty(P.shape[0])
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
+    recording = is_recording(out)
+    if recording:
+        attend(s, out)
     correct(P, H, R_lasting, PHt, inverse, r, dx, K, considered, int(s[L.CORRECT_FROM]))
     watch(s, e, sensor, r, H, inverse, K, nis, sensor <= Sensor.BAROMETER.value and not lasts)
     retract(s[L.X : L.P], dx)
+    if recording:
+        gain = KEPT_FROM_MOTION if s[L.CORRECT_FROM] > 0.0 else (CONSIDERED if considered >= 0 else OPTIMAL)
+        record_correction(s, out, r, H, inverse, K, PHt, dx, gain, R_lasting, sensor)
     return nis
 
 

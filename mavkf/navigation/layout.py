@@ -212,15 +212,15 @@ POSE_WIDTH = 84
 VALID_POSITION, VALID_VELOCITY, VALID_TILT, VALID_YAW = 1, 2, 4, 8
 
 
-OUT = several(MATRIX, MATRIX, INTEGERS, VECTOR, VECTOR)
+OUT = several(MATRIX, MATRIX, INTEGERS, VECTOR, VECTOR, VECTOR)
 """Type of the output buffers of the fold."""
 
 
-def buffers(innovations: int, notes: int, recorded: int) -> tuple[np.ndarray, ...]:
+def buffers(innovations: int, notes: int, recorded: int, tape: int = 0) -> tuple[np.ndarray, ...]:
     """Output buffers of the fold, with room for so many innovation rows, notes, and records of which event has left an innovation.
 
     Innovation rows, note rows, their two counts and whether to keep silent (int64), the time of the last note of each code as it began and
-    as it ended, and the numbers of the events on record.
+    as it ended, the numbers of the events on record, and a tape of so many numbers (see `tape`; 0: nothing is recorded).
     """
     return (
         np.empty((innovations, INNOVATION_WIDTH)),
@@ -228,6 +228,7 @@ def buffers(innovations: int, notes: int, recorded: int) -> tuple[np.ndarray, ..
         np.zeros(3, dtype=np.int64),
         np.full(2 * NOTE_CODES, -np.inf),
         np.full(recorded, -1.0),
+        np.zeros(tape),
     )
 
 

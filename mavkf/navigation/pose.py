@@ -93,7 +93,6 @@ def sigma_euler(P, q, euler, out):
 @compiled
 def pose_row(s, c, row):
     """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""
-    P = L.covariance(s)
     valid = valid_of(s)
     row[:] = np.nan
     row[L.R_TIME] = s[L.T]
@@ -104,38 +103,49 @@ def pose_row(s, c, row):
     row[L.R_UNDULATION] = s[L.UNDULATION]
     for i in range(3):
         row[L.R_ORIGIN_LATITUDE + i] = s[L.ORIGIN_LATITUDE + i]
-    # what is too uncertain to be used is not known: a number is never a guess
+    show(s[L.X : L.P], L.covariance(s), valid, row)
+    if valid & L.VALID_POSITION != 0:
+        row[L.R_PL_H], row[L.R_PL_V] = protection_levels(s, c)
+    if valid & L.VALID_TILT != 0:
+        for i in range(3):
+            row[L.R_RATE + i] = s[L.RATE + i]
+
+
+@compiled
+def show(x, P, valid, row):
+    """Fill what is known (bits `valid`) of a nominal state x and its covariance P (n, n) into a pose row that has its origin.
+
+    What is too uncertain to be used is not known: a number is never a guess.
+    """
     position = valid & L.VALID_POSITION != 0
     velocity = valid & L.VALID_VELOCITY != 0
     attitude = valid & L.VALID_TILT != 0
     yaw = valid & L.VALID_YAW != 0
     if position:
-        row[L.R_LATITUDE], row[L.R_LONGITUDE], row[L.R_HEIGHT] = s[LATITUDE], s[LONGITUDE], s[HEIGHT]
+        row[L.R_LATITUDE], row[L.R_LONGITUDE], row[L.R_HEIGHT] = x[LATITUDE], x[LONGITUDE], x[HEIGHT]
         offset(
-            s[LATITUDE],
-            s[LONGITUDE],
-            s[HEIGHT],
-            s[L.ORIGIN_LATITUDE],
-            s[L.ORIGIN_LONGITUDE],
-            s[L.ORIGIN_HEIGHT],
+            x[LATITUDE],
+            x[LONGITUDE],
+            x[HEIGHT],
+            row[L.R_ORIGIN_LATITUDE],
+            row[L.R_ORIGIN_LONGITUDE],
+            row[L.R_ORIGIN_HEIGHT],
             row[L.R_NED : L.R_NED + 3],
         )
-        row[L.R_PL_H], row[L.R_PL_V] = protection_levels(s, c)
     if velocity:
         for i in range(3):
-            row[L.R_V + i] = s[V + i]
+            row[L.R_V + i] = x[V + i]
             for j in range(3):
                 row[L.R_VELOCITY_COVARIANCE + 3 * i + j] = P[VEL + i, VEL + j]
     if attitude:
-        euler_angles(s[Q : Q + 4], row[L.R_EULER : L.R_EULER + 3])
-        sigma_euler(P, s[Q : Q + 4], row[L.R_EULER : L.R_EULER + 3], row[L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3])
+        euler_angles(x[Q : Q + 4], row[L.R_EULER : L.R_EULER + 3])
+        sigma_euler(P, x[Q : Q + 4], row[L.R_EULER : L.R_EULER + 3], row[L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3])
         for i in range(3):
-            row[L.R_RATE + i] = s[L.RATE + i]
-            row[L.R_BG + i] = s[BG + i]
-            row[L.R_BA + i] = s[BA + i]
+            row[L.R_BG + i] = x[BG + i]
+            row[L.R_BA + i] = x[BA + i]
         if yaw:
             for i in range(4):
-                row[L.R_Q + i] = s[Q + i]
+                row[L.R_Q + i] = x[Q + i]
         else:
             row[L.R_EULER + 2] = np.nan
             row[L.R_SIGMA_EULER + 2] = np.nan

@@ -35,6 +35,7 @@ from mavkf.navigation.monitors import follow_decay, follow_transition, stop_moni
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import begin_books
 from mavkf.navigation.sources import begin_sources
+from mavkf.navigation.tape import attend, is_detailed, is_recording, record_noise, record_transition
 from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
 
@@ -158,6 +159,18 @@ def decay_colour(s, c, dt):
 
 
 @compiled
+def record_added(s, c, gyro, accel, dt, decaying, out):
+    """Record what `add_noise` adds to the diagonal in dt, and `decay_colour` in the time `decaying` (s, 0: none)."""
+    blank = s.copy()
+    P = L.covariance(blank)
+    P[:, :] = 0.0
+    add_noise(blank, c, gyro, accel, dt)
+    if decaying > 0.0:
+        decay_colour(blank, c, decaying)
+    record_noise(out, P.shape[0], np.diag(P).copy())
+
+
+@compiled
 def at_rest(x, imu):
     """A sample (6,) with the gyro as it would be if the body stood still on the earth: the earth's rate and the bias."""
     C = np.empty((3, 3))
@@ -179,12 +192,15 @@ def roaming(c):
 
 
 @compiled
-def step(s, c, imu0, imu1, dt, gyro, accel):
+def step(s, c, imu0, imu1, dt, gyro, accel, out):
     """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
     x = s[L.X : L.P]
     P = L.covariance(s)
     Phi = np.empty((9, TOP))
     average = np.empty(21)
+    recording = is_recording(out)
+    if recording:
+        attend(s, out)
     if s[L.RESTING] != 0.0:
         imu0 = at_rest(x, imu0)
         imu1 = at_rest(x, imu1)
@@ -209,10 +225,16 @@ def step(s, c, imu0, imu1, dt, gyro, accel):
     add_noise(s, c, gyro, accel, 0.5 * dt)
     decay_colour(s, c, dt)
     s[L.T] += dt
+    if recording:
+        if is_detailed(out):
+            record_added(s, c, gyro, accel, 0.5 * dt, 0.0, out)
+        record_transition(s, out, Phi, dt)
+        if is_detailed(out):
+            record_added(s, c, gyro, accel, 0.5 * dt, dt, out)
 
 
 @compiled
-def coast(s, c, t):
+def coast(s, c, t, out):
     """Advance to time t without an IMU: the velocity is kept, what the vehicle may do meanwhile is noise."""
     dt = t - s[L.T]
     if not dt > 0.0:
@@ -226,7 +248,7 @@ def coast(s, c, t):
     still[0:3] = s[BG : BG + 3]
     steps = min(100, int(dt) + 1)
     for _ in range(steps):
-        step(s, c, still, still, dt / steps, COAST_RATE**2, 0.0)
+        step(s, c, still, still, dt / steps, COAST_RATE**2, 0.0, out)
     s[L.MODEL] = model
     s[L.T] = t
     s[L.RATE : L.RATE + 3] = np.nan

@@ -11,7 +11,8 @@ from mavkf.navigation.codes import Reason, Sensor
 from mavkf.navigation.fusing import forget, fuse, widen
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
-from mavkf.navigation.propagation import add_noise, decay_colour, set_acceleration
+from mavkf.navigation.propagation import add_noise, decay_colour, record_added, set_acceleration
+from mavkf.navigation.tape import attend, is_detailed, is_recording, record_link, record_noise, record_transition
 from mavkf.samples import GYRO_RESOLUTION
 
 RATE_TIME, FORCE_TIME = 10.0, 10.0  # s: how long a rate and an acceleration last of themselves
@@ -58,6 +59,17 @@ def enter(s, e, c):
 
 
 @compiled
+def begin_telemetry(s, e, c, out):
+    """Enter in the half that is recorded."""
+    if is_recording(out):
+        attend(s, out)
+    enter(s, e, c)
+    if is_recording(out):
+        for i in range(6):
+            record_link(s, out, DOMEGA + i, DBG + i, -1.0)
+
+
+@compiled
 def leave(s):
     """Let rate and force go: what is left is the marginal of the others."""
     if s[L.STATES] > N + 6:
@@ -72,11 +84,14 @@ def leave(s):
 
 
 @compiled
-def advance(s, c, t):
+def advance(s, c, t, out):
     """Bring the state to time t by the telemetry model."""
     dt = t - s[L.T]
     if not dt > 0.0:
         return
+    recording = is_recording(out)
+    if recording:
+        attend(s, out)
     x = s[L.X : L.P]
     P = L.covariance(s)
     tau = np.array([RATE_TIME, FORCE_TIME])
@@ -98,6 +113,11 @@ def advance(s, c, t):
     add_noise(s, c, 0.0, 0.0, dt)
     decay_colour(s, c, dt)
     s[L.T] = t
+    if recording:
+        record_transition(s, out, Phi, dt)
+        if is_detailed(out):
+            record_noise(out, int(s[L.STATES]), Qd.ravel())
+            record_added(s, c, 0.0, 0.0, dt, dt, out)
     imu = np.empty(6)
     for i in range(3):
         s[L.RATE + i] = s[OMEGA + i]

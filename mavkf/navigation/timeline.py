@@ -37,10 +37,9 @@ def precedes(a, b):
     return a[SEQUENCE] < b[SEQUENCE]
 
 
-def in_order(events: np.ndarray) -> np.ndarray:
-    """The events (n, EVENT_WIDTH) sorted by `precedes`; equal ones keep their order."""
-    order = np.lexsort((events[:, SEQUENCE], events[:, SOURCE], events[:, KIND], events[:, TIME]))
-    return np.ascontiguousarray(events[order])
+def order(time: np.ndarray, kind: np.ndarray, source: np.ndarray, sequence: np.ndarray) -> np.ndarray:
+    """The indices (n,) that sort events by `precedes`; equal ones keep their order."""
+    return np.lexsort((sequence, source, kind, time))
 
 
 @compiled

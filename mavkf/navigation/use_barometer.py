@@ -16,6 +16,7 @@ from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import book_of
 from mavkf.navigation.sources import changed
+from mavkf.navigation.tape import attend, is_recording, record_link
 from mavkf.samples import PRESSURE
 
 DISTURBED_AFTER = 0.5  # s of refusals, after which it is told
@@ -68,11 +69,15 @@ def use_barometer(s, e, c, out):
     sigma = c[Parameter.BARO]
     if s[L.BAROMETER_KNOWN] == 0.0:
         # bias = pressure height - height: it carries the error of the height it is measured against (dp is down)
+        if is_recording(out):
+            attend(s, out)
         x[BARO] = height - x[HEIGHT]
         for j in range(P.shape[0]):
             P[DBARO, j] = P[POS + 2, j]
             P[j, DBARO] = P[POS + 2, j]
         P[DBARO, DBARO] = P[POS + 2, POS + 2] + sigma * sigma
+        if is_recording(out):
+            record_link(s, out, DBARO, POS + 2, 1.0)
         s[L.BAROMETER_KNOWN] = 1.0
         return
     r = np.empty(1)

@@ -21,6 +21,7 @@ from mavkf.navigation.fusing import fuse_lasting, widen
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import lasting
+from mavkf.navigation.tape import attend, is_recording, record_link
 from mavkf.samples import DIFFERENTIAL_PRESSURE, PRESSURE
 
 ROVER_PERIOD, AIR_PERIOD = 0.5, 1.0  # s between updates
@@ -229,6 +230,8 @@ def use_sideslip(s, e, c, out, C, dt):
     H = np.empty((1, int(s[L.STATES])))
     R = np.empty((1, 1))
     model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
+    if is_recording(out):
+        attend(s, out)
     phi = math.exp(-dt / SLIP_TIME)
     x[SLIP] *= phi
     P = L.covariance(s)
@@ -237,6 +240,8 @@ def use_sideslip(s, e, c, out, C, dt):
     for j in range(P.shape[0]):
         P[j, DSLIP] *= phi
     P[DSLIP, DSLIP] += (1.0 - phi * phi) * SLIP_SIGMA**2
+    if is_recording(out):
+        record_link(s, out, DSLIP, DSLIP, phi)
     model.sideslip_jacobian(x, C, u, H)
     r[0] = -model.predict_sideslip(x, u)
     gust = s[L.SCALE_CLASS] * GUST**2

@@ -32,6 +32,7 @@ ACROSS, ALONG = (
     22.0,
 )  # of a drift: of its horizontal and of its vertical part, with two degrees and with one, as unlikely
 LEAST = np.array([0.1, 0.4, math.radians(0.1), 0.05])
+MOST = np.array([np.inf, np.inf, math.radians(10.0), 6.0])  # no bias of a sensor that works steps further
 # By hypothesis: what a kind is rarer than the others, in the same measure. A velocity that begins to lie without a jump is rarer by far
 # than a position that begins to drift.
 RARER = np.array([0.0] * 6 + [0.0, 20.0, 20.0] + [0.0] * 6)
@@ -101,7 +102,10 @@ def judge_faults(s, e, c, out, b):
     found = best >= VERDICTS[kind]
     if kind == RAMP:
         found = across >= ACROSS or along >= ALONG
-    if not found or length < LEAST[kind]:
+    if not found or not LEAST[kind] <= length <= MOST[kind]:
+        return
+    if kind >= GYRO and math.isfinite(s[L.YAW_REFUSED_SINCE]):
+        # a heading that two antennas contradict shows in the velocities too, and is not the IMU's doing
         return
     since = s[hypothesis(which)]
     drifts = kind == RAMP and across >= ACROSS

@@ -31,7 +31,7 @@ def ensure_compiled(say: Callable[[str], None]) -> float:
 
 
 def compile_all() -> None:
-    """Run every compiled path of `serve` and `replay`: scanner, decoder, clock, live and offline estimator, both models."""
+    """Run every compiled path of `serve` and `replay`: scanner, decoder, clock, live and offline estimator, smoother, all models."""
     log = b"".join(stamp.to_bytes(8, "big") + frame for stamp, frame in flight())
     data = np.frombuffer(log, np.uint8)
     frames, _ = scan_records(data)
@@ -45,7 +45,7 @@ def compile_all() -> None:
             for _ in live.records(step):
                 pass
         clock = VehicleClock()
-        run_offline(np.concatenate([clock.push(rows), clock.flush()]), Config(), model=model)
+        run_offline(np.concatenate([clock.push(rows), clock.flush()]), Config(), model=model, smoothing=True)
     mark_warm()
 
 

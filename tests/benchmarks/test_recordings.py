@@ -12,7 +12,7 @@ from benchmarks.accuracy.kitti import ORIGIN, euler, to_geodetic
 from benchmarks.accuracy.rtklib import arrivals, clock_of, read_solution
 from mavkf.config import Config, with_settings
 from mavkf.navigation import layout as L
-from mavkf.navigation.estimator import turn_sensors
+from mavkf.navigation.events import turn_sensors
 from mavkf.replay.truth import Truth
 from mavkf.samples import ACCEL, FIX, GYRO, KIND, SIGMA_HORIZONTAL, SIGMA_SPEED, SOURCE, TIME, VELOCITY_N, Kind, Source
 

@@ -37,3 +37,25 @@ def test_a_wrong_path_is_said_before_anything_is_compiled(
     monkeypatch.setattr("mavkf.cli.replay.ensure_compiled", lambda say: pytest.fail("compiled first"))
     assert main(["replay", str(tmp_path / "nothere.tlog")]) == 1
     assert "does not exist" in capsys.readouterr().err
+
+
+def test_smoothing_as_live_is_wrong_usage(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(log), "--smooth", "--as-live"]) == 2
+    assert "--smooth" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--form", "ud", "--as-live"], "leave --as-live"),
+        (["--update", "iterated", "--as-live"], "leave --as-live"),
+        (["--form", "ud", "--smooth"], "leave --form"),
+        (["--form", "cholesky"], "square-root-information"),
+        (["--update", "third"], "second-order"),
+    ],
+)
+def test_forms_and_orders_that_cannot_be(
+    log: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(log), *options]) == 2
+    assert said in capsys.readouterr().err

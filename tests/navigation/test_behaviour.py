@@ -169,7 +169,7 @@ def test_while_the_imu_is_silent_nobody_knows_that_a_vehicle_still_stands(rows: 
     state, parameters = standing.state, standing.parameters
     assert state[L.RESTING] == 1.0
     before = L.covariance(state)[2, 2]
-    coast(state, parameters, state[L.T] + 10.0)
+    coast(state, parameters, state[L.T] + 10.0, L.buffers(8, 8, 8))
     assert state[L.RESTING] == 0.0
     # as any vehicle that is not looked at turns
     assert L.covariance(state)[2, 2] - before == pytest.approx(10.0 * COAST_RATE**2, rel=0.05)

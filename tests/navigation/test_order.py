@@ -7,15 +7,20 @@ from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS, NoteCode, Sensor
-from mavkf.navigation.estimator import BUFFER, Offline, run_offline, to_events
+from mavkf.navigation.estimator import BUFFER, Offline, run_offline
+from mavkf.navigation.events import to_events
 from mavkf.navigation.propagation import begin
-from mavkf.navigation.timeline import in_order, precedes
+from mavkf.navigation.timeline import order, precedes
 from mavkf.samples import ARRIVAL, KIND, SEQUENCE, SOURCE, TIME, Kind, Source
 
 from ._session import CONFIG, DELAYS, copied, differences, merged, run, second_receiver, session, without
 
 Array = np.ndarray
 SETUP = CONFIG.timeline.setup_s
+
+
+def in_order(events: Array) -> Array:
+    return np.ascontiguousarray(events[order(*events[:, (TIME, KIND, SOURCE, SEQUENCE)].T)])
 
 
 def shuffled(rows: Array, seed: int, lateness: float, start: float = -np.inf) -> Array:
@@ -234,7 +239,7 @@ def test_delays_are_told_to_the_estimator(rows: Array) -> None:
     assert differences(run_offline(rows, Config()).state, run_offline(rows, CONFIG).state) != []
 
 
-def test_precedes_is_the_order_of_in_order() -> None:
+def test_precedes_is_the_order_of_order() -> None:
     random = np.random.default_rng(0)
     events = np.zeros((300, L.EVENT_WIDTH))
     events[:, TIME] = random.integers(0, 6, 300) * 0.5

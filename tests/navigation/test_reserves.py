@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mavkf.config import Config
-from mavkf.navigation.estimator import select
+from mavkf.navigation.events import select
 from mavkf.navigation.setup import choose
 from mavkf.samples import ACCEL, IMU_SOURCES, KIND, ROW_WIDTH, SOURCE, TIME, Kind, Source
 
