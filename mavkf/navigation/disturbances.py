@@ -38,6 +38,9 @@ def begin_faults(s):
         L.HEIGHT_AGREES_SINCE,
         L.AGREES_SINCE,
         L.PRESSURE_REFUSED_SINCE,
+        L.PRESSURE_HEIGHT,
+        L.HEIGHTS_APART,
+        L.HEIGHTS_MEAN,
     ):
         s[i] = np.nan
 

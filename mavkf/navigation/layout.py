@@ -159,11 +159,14 @@ _suspicion = FAULT_BOOK + 3 * FAULTS
     DOUBT,  # m: by how much two accounts of the position differed when nothing could tell which was right
     SCATTER,  # of late, positions that were refused and did not agree with each other either
     PRESSURE_REFUSED_SINCE,  # start of an unbroken run of refused pressures, NaN: none
+    PRESSURE_HEIGHT,  # m, the last; NaN: none
+    HEIGHTS_APART,  # m: pressure height less the height of fixes, now, and its running mean
+    HEIGHTS_MEAN,
     CLIPPED,  # samples in a row that show the same extreme force
     MONITORED,  # 1: the effects of faults are being carried along
-) = range(_suspicion, _suspicion + 10)
+) = range(_suspicion, _suspicion + 13)
 SINCE_UPDATE = (
-    _suspicion + 10
+    _suspicion + 13
 )  # since the effects were carried along last: transition (9, TOP), and decay of the coloured error (2)
 # Effects of hypothetical faults on the estimate: see `monitors`. Each: start, J (3, 3), c (3), f (STATES_MOST, 3).
 H_SINCE, H_J, H_C, H_F = 0, 1, 10, 13

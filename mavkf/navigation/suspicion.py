@@ -28,6 +28,7 @@ MOVING = 1.0  # m/s beyond three sigma: a fix changes by more than its last digi
 SCATTERED = 4.0  # positions refused of late that did not agree with each other
 SCATTER_MEMORY = 0.9  # of a count of them, from fix to fix
 NOISY, QUIET = 9.0, 4.0  # times the claimed variance: three sigma, and two
+MOST_SURPRISE = 4.0  # of the NIS against its limit: twice as many sigma
 UNTOLD = 1e3  # m: one sigma of a height that is not believed
 DOUBT_TIME = 300.0  # s in which a doubt fades
 
@@ -41,6 +42,27 @@ def surprise(P, H, R, r):
     inverse = np.empty((m, m))
     innovation_covariance(P, H, R, PHt, S)
     return quadratic(inverse, r) if invert(S, inverse) > 0.0 else np.inf
+
+
+@compiled
+def weigh_surprise(P, H, R, r, limit):
+    """Raise R (3, 3) of a fix without velocity that lies a little beyond the gate, so that it is fused with less weight, not refused.
+
+    Such a receiver has no second witness: whether a surprise is the fix's doing or the filter's is not known, and a filter that has
+    refused one fix is further off at the next. S times NIS / limit has just the limit (Huber, "Robust Estimation of a Location
+    Parameter", Annals of Mathematical Statistics 35(1), 1964); what lies beyond MOST_SURPRISE is the fix's doing.
+    """
+    PHt = np.empty((P.shape[0], 3))
+    S = np.empty((3, 3))
+    inverse = np.empty((3, 3))
+    innovation_covariance(P, H, R, PHt, S)
+    if not invert(S, inverse) > 0.0:
+        return
+    nis = quadratic(inverse, r)
+    if limit < nis <= MOST_SURPRISE * limit:
+        for i in range(3):
+            for j in range(3):
+                R[i, j] += (1.0001 * nis / limit - 1.0) * S[i, j]
 
 
 @compiled

@@ -6,49 +6,21 @@ import numpy as np
 
 from mavkf.compiled import compiled
 from mavkf.models import barometer
-from mavkf.models.strapdown import BARO, DBA, DBARO, HEIGHT, POS, VEL
+from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.disturbances import begin_fault, end_fault
-from mavkf.navigation.fusing import fuse, note
+from mavkf.navigation.fusing import fuse
+from mavkf.navigation.heights import doubt_height, heights_agree
 from mavkf.navigation.learning import LEAST_SCALE, learn
-from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
-from mavkf.navigation.receivers import book_of
 from mavkf.navigation.sources import changed
 from mavkf.navigation.tape import attend, is_recording, record_link
 from mavkf.samples import PRESSURE
 
 DISTURBED_AFTER = 0.5  # s of refusals, after which it is told
-RECENT = 1.0  # s
 RELEARN_AFTER = 30.0  # s of refusals, after which its bias is taken to have changed
 FLOOR = 0.2  # m: gusts and the rounding to whole counts
-
-
-@compiled
-def fixes_agree(s, r):
-    """Whether the main receiver's positions are being refused as well, and put the height off by as much as the pressure does: r, m."""
-    b = book_of(s[L.MAIN])
-    refused = s[b + L.F_REFUSED_COUNT] >= 2.0 and s[L.T] - s[b + L.F_T] < RECENT
-    return refused and abs(r + s[b + L.F_INNOVATION + 2]) < 0.5 * abs(r)
-
-
-@compiled
-def doubt_height(s, out, r, lasted):
-    """Widen the height, its rate and the accelerometer's bias by what r (m) of error in `lasted` (s) tells: a = 2 r / t^2.
-
-    Two sensors that have nothing in common say the same: it is the accelerometer that is wrong, along the vertical.
-    """
-    P = L.covariance(s)
-    rate, force = 2.0 * r / lasted, 2.0 * r / (lasted * lasted)
-    note(out, NoteCode.ACCELEROMETER_STEP, s[L.PRESSURE_REFUSED_SINCE], s[L.T], abs(force), 0.0, 0.0)
-    P[POS + 2, POS + 2] += r * r
-    P[VEL + 2, VEL + 2] += rate * rate
-    for i in range(3):
-        P[DBA + i, DBA + i] += force * force
-    s[L.PRESSURE_REFUSED_SINCE] = np.nan
-    end_fault(s, out, NoteCode.BAROMETER_DISTURBANCE)
-    stop_monitors(s)
 
 
 @compiled
@@ -66,6 +38,7 @@ def use_barometer(s, e, c, out):
     P = L.covariance(s)
     height = barometer.pressure_height(e[PRESSURE])
     s[L.T_BAROMETER] = s[L.T]
+    s[L.PRESSURE_HEIGHT] = height
     sigma = c[Parameter.BARO]
     if s[L.BAROMETER_KNOWN] == 0.0:
         # bias = pressure height - height: it carries the error of the height it is measured against (dp is down)
@@ -96,8 +69,8 @@ def use_barometer(s, e, c, out):
         s[L.PRESSURE_REFUSED_SINCE] = s[L.T]
     else:
         lasted = s[L.T] - s[L.PRESSURE_REFUSED_SINCE]
-        if lasted >= DISTURBED_AFTER and fixes_agree(s, r[0]):
-            doubt_height(s, out, r[0], lasted + DISTURBED_AFTER)
+        if lasted >= DISTURBED_AFTER and heights_agree(s, r[0]):
+            doubt_height(s, out, r[0], s[L.PRESSURE_REFUSED_SINCE] - DISTURBED_AFTER)
         elif lasted >= DISTURBED_AFTER:
             begin_fault(s, out, NoteCode.BAROMETER_DISTURBANCE, s[L.PRESSURE_REFUSED_SINCE], abs(r[0]), 0.0, 0.0)
         if lasted >= RELEARN_AFTER:

@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled
-from mavkf.filters.joseph import innovation_covariance, invert, quadratic
 from mavkf.models import gnss
 from mavkf.models.strapdown import (
     DDELAY,
@@ -25,6 +24,7 @@ from mavkf.navigation.antenna import mounting
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.disturbances import end_fault
 from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING, fuse, fuse_lasting, note
+from mavkf.navigation.heights import compare_heights
 from mavkf.navigation.learning import LEAST_SCALE, learn, learn_colour, learn_colour_time
 from mavkf.navigation.monitors import begin_hypotheses
 from mavkf.navigation.parameter import Parameter
@@ -49,6 +49,7 @@ from mavkf.navigation.suspicion import (
     out_of_patience,
     surprise,
     weigh_height,
+    weigh_surprise,
 )
 from mavkf.navigation.use_gnss_velocity import fuse_velocity
 from mavkf.navigation.use_gnss_yaw import use_gnss_yaw
@@ -68,7 +69,6 @@ from mavkf.samples import LONGITUDE as FIX_LONGITUDE
 
 FIX_3D = 3
 SPEED_TIME = 5.0  # s
-MOST_SURPRISE = 4.0  # of the NIS against its limit: twice as many sigma
 LEAST_COLOUR_SCALE = 1.0  # of what a fix's claim allows
 
 
@@ -107,6 +107,7 @@ def use_gnss(s, e, c, out):
     elif main:
         if is_frozen(s, e, b, out):
             return
+        compare_heights(s, e[HEIGHT_AMSL], e[TIME] - s[b + L.F_T_BEFORE])
         if c[Parameter.MONITORS] != 0.0:
             begin_hypotheses(s)
         fuse_position(s, e, c, out, b)
@@ -187,27 +188,6 @@ def fused_position(s, out, b):
     s[L.T_POSITION] = s[L.T]
     s[b + L.F_T_POSITION] = s[L.T]
     s[L.RECOVERING] = max(0.0, s[L.RECOVERING] - 1.0)
-
-
-@compiled
-def weigh_surprise(P, H, R, r, limit):
-    """Raise R (3, 3) of a fix without velocity that lies a little beyond the gate, so that it is fused with less weight, not refused.
-
-    Such a receiver has no second witness: whether a surprise is the fix's doing or the filter's is not known, and a filter that has
-    refused one fix is further off at the next. S times NIS / limit has just the limit (Huber, "Robust Estimation of a Location
-    Parameter", Annals of Mathematical Statistics 35(1), 1964); what lies beyond MOST_SURPRISE is the fix's doing.
-    """
-    PHt = np.empty((P.shape[0], 3))
-    S = np.empty((3, 3))
-    inverse = np.empty((3, 3))
-    innovation_covariance(P, H, R, PHt, S)
-    if not invert(S, inverse) > 0.0:
-        return
-    nis = quadratic(inverse, r)
-    if limit < nis <= MOST_SURPRISE * limit:
-        for i in range(3):
-            for j in range(3):
-                R[i, j] += (1.0001 * nis / limit - 1.0) * S[i, j]
 
 
 @compiled

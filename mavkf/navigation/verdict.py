@@ -11,6 +11,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import tell
+from mavkf.navigation.heights import doubt_height, heights_agree
 from mavkf.navigation.monitors import (
     GYRO,
     KIND,
@@ -112,6 +113,9 @@ def judge_faults(s, e, c, out, b):
     if (drifts and math.isfinite(s[L.SUSPECT_VELOCITY])) or (kind == VELOCITY and math.isfinite(s[L.SUSPECT_POSITION])):
         # one receiver against one filter, in everything: it is the filter that has lost its way
         doubt_all(s, e, c, out, b)
+        return
+    if kind == RAMP and not drifts and heights_agree(s, size[2] * (s[L.T] - since)):
+        doubt_height(s, out, size[2] * (s[L.T] - since), since)
         return
     take_out(s, which, size, covariance)
     if drifts:

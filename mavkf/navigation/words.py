@@ -47,6 +47,9 @@ def _fault(code: NoteCode, size: float, a: float, b: float) -> tuple[dict[str, A
             return {}, f"pressure height off by {size:.1f} m: not fused"
         case NoteCode.GYRO_STEP:
             return {"likelihood_ratio": b}, f"gyro bias stepped by {math.degrees(size):.2f} deg/s: corrected"
+        case NoteCode.ACCELEROMETER_STEP if not b:
+            text = f"height off by {abs(a):.1f} m against pressure and fixes alike: the accelerometer's bias is learnt anew"
+            return {"height_m": a}, text
         case NoteCode.ACCELEROMETER_STEP:
             return {"likelihood_ratio": _known(b)}, f"accelerometer bias stepped by {size:.2f} m/s^2: corrected"
         case NoteCode.ACCELEROMETER_SCALE:

@@ -137,6 +137,16 @@ def test_a_fault_is_named_with_its_span_and_the_pose_stays_right(fault: str) -> 
     assert lasting <= over, "each fault that began is told to be over"
 
 
+@pytest.mark.parametrize("size", [0.75, 1.2])
+def test_a_wrong_scale_along_the_vertical_is_not_laid_on_those_who_contradict_it(size: float) -> None:
+    result = run_offline(faulty(f"accelerometer-scale:at=140,for=15,size={size}"), CONFIG)
+    assert "ACCELEROMETER_STEP" in faults_of(result)
+    poses = result.output.poses[result.output.poses[:, L.R_TIME] > 120.0]
+    height = np.abs(poses[:, L.R_NED + 2] - motion(poses[:, L.R_TIME] - 100.0).p[:, 2])
+    assert height.max() < 20.0
+    assert height[poses[:, L.R_TIME] > 175.0].max() < 4.0
+
+
 def test_suspected_positions_are_recorded_and_not_fused() -> None:
     result = run_offline(faulty("gnss-drift:at=140,for=25,size=1.2,towards=90"), CONFIG)
     drift = told(result, NoteCode.GNSS_DRIFT)
