@@ -222,7 +222,8 @@ class Gates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Meta(
             ge=1.0,
             le=600.0,
-            description="s of refusals that agree with each other, after which the state is reset to them",
+            description="s of refused positions that agree with each other, after which the state is reset to them; where their velocity "
+            "is fused and no other receiver tells, that takes integrity.suspicion_s",
         ),
     ] = 10.0
     gap_s: Annotated[float, Meta(gt=0.0, le=10.0, description="s without an IMU sample that is a gap")] = 0.6
