@@ -51,7 +51,7 @@ def source_hash() -> str:
     """Hash (16 hex digits) of the compiled sources and of the versions that the machine code depends on."""
     package = Path(__file__).resolve().parent
     digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}".encode())
-    paths = [package / "compiled.py", package / "samples.py"]
+    paths = [package / "compiled.py", package / "samples.py", package / "stack.py"]
     for folder in COMPILED_FOLDERS:
         paths += sorted((package / folder).resolve().rglob("*.py"))
     for path in paths:
@@ -95,10 +95,23 @@ def compiled(function: F) -> F:
     Division by zero gives inf or NaN as in numpy, instead of an exception in the middle of a run. The cache folder is
     set only while decorating, so that other users of numba in the process keep theirs.
     """
+    return _compiled(function, _nrt=True)  # numba takes what is not said from the caller
+
+
+def kernel(function: F) -> F:
+    """Compile a function as `compiled` does, that asks nothing of the allocator: its arrays are its caller's, or of `mavkf.stack`.
+
+    Nothing counts references in it, which is half of the work where arrays are small. Numba refuses what allocates, and what returns an
+    array: a function that gives a view of its argument is `compiled`.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def _compiled(function: F, **options: Any) -> F:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_folder())
     try:
-        result: F = numba.njit(cache=True, error_model="numpy")(function)
+        result: F = numba.njit(cache=True, error_model="numpy", **options)(function)
     finally:
         numba.config.CACHE_DIR = before
     return result
@@ -113,14 +126,14 @@ if not llvmlite.binding.address_of_symbol(_TABLE):  # a second copy of this modu
 
 
 def compiled_apart(result: Any, *arguments: Any) -> Callable[[F], F]:
-    """Compile a function for itself, of the numba types `arguments` and `result`; compiled functions call it by its address.
+    """Compile a kernel for itself, of the numba types `arguments` and `result`; compiled functions call it by its address.
 
     What comes of it can be called by compiled functions only (by Python too where the JIT is off), after `link_apart`: an address that is
     missing is a RuntimeError.
     """
 
     def decorate(function: F) -> F:
-        inner = compiled(function)
+        inner = kernel(function)
         if numba.config.DISABLE_JIT:
             return inner
         slot = len(_apart)

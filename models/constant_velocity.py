@@ -5,20 +5,19 @@ does not enter: what is left of Phi is the plain Kalman filter's [[1, dt], [0, 1
 with Applications to Tracking and Navigation", section 6.2.2) beside the attitude error driven by the gyro bias.
 """
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import DBG, POS, THETA, VEL, Q, V, move, propagate_attitude, rates_of_frame
+from mavkf.stack import block, matrix
 
 
-@compiled
+@kernel
 def propagate(x, imu0, imu1, dt, average):
     """Advance the nominal state by dt (s), in place; arguments as of `strapdown.propagate`, the specific force unused."""
     frame = average[12:18]
     rates_of_frame(x, frame)
-    C0 = np.empty((3, 3))
-    C1 = np.empty((3, 3))
+    C0 = matrix(3, 3)
+    C1 = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C0)
     propagate_attitude(x, imu0, imu1, dt, frame)
     rotation_matrix(x[Q : Q + 4], C1)
@@ -28,11 +27,11 @@ def propagate(x, imu0, imu1, dt, average):
     move(x, dt * x[V], dt * x[V + 1], dt * x[V + 2])
 
 
-@compiled
+@kernel
 def transition(x, average, dt, Phi):
     """Rows of attitude, velocity and position of the transition matrix over dt: Phi, shape (9, 15), as of `strapdown.transition`."""
     Phi[:, :] = 0.0
-    C = average[3:12].reshape((3, 3))
+    C = block(average, 3, 3, 3)
     frame = average[12:18]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

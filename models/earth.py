@@ -6,7 +6,7 @@ References: NIMA TR8350.2 (WGS-84 constants, normal gravity formula of Somiglian
 
 import math
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 
 SEMI_MAJOR_AXIS = 6378137.0  # m
 FLATTENING = 1.0 / 298.257223563
@@ -20,7 +20,7 @@ RATIO_M = EARTH_RATE**2 * SEMI_MAJOR_AXIS**3 * (1.0 - FLATTENING) / GRAVITATIONA
 STANDARD_GRAVITY = 9.80665  # m/s^2, by definition
 
 
-@compiled
+@kernel
 def radii(latitude):
     """Meridian and transverse radii of curvature (m) at a latitude (rad)."""
     sine = math.sin(latitude)
@@ -29,7 +29,7 @@ def radii(latitude):
     return SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / (w * w2), SEMI_MAJOR_AXIS / w
 
 
-@compiled
+@kernel
 def gravity(latitude, height):
     """Normal gravity (m/s^2, positive down) at a latitude (rad) and a height above the ellipsoid (m)."""
     sine2 = math.sin(latitude) ** 2

@@ -15,7 +15,7 @@ makes 0.6 mm/s.
 
 import math
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import telemetry
 from mavkf.models.strapdown import DDELAY, DELAY, DGNSS, GNSS, POS, THETA, VEL, V
 
@@ -24,7 +24,7 @@ ANTENNA, DANTENNA = telemetry.X_SIZE, telemetry.N
 X_SIZE, STATES_MOST = telemetry.X_SIZE + 3, telemetry.N + 3
 
 
-@compiled
+@kernel
 def lever(x, C, w, i):
     """Component i in n of the lever arm l (m) and of its velocity u (m/s).
 
@@ -37,7 +37,7 @@ def lever(x, C, w, i):
     return place, velocity
 
 
-@compiled
+@kernel
 def predict_position(x, a, C, w, z_hat):
     """Metres (3,) north, east, down of the fix from the state's position. a: (3,) acceleration in n, m/s^2; x, C, w: as of `lever`."""
     delta = x[DELAY]
@@ -46,7 +46,7 @@ def predict_position(x, a, C, w, z_hat):
         z_hat[i] = place - (x[V + i] + velocity) * delta + 0.5 * a[i] * delta * delta + x[GNSS + i]
 
 
-@compiled
+@kernel
 def position_jacobian(x, a, C, w, H):
     """H (3, n) of `predict_position` with the position itself."""
     delta = x[DELAY]
@@ -59,7 +59,7 @@ def position_jacobian(x, a, C, w, H):
         H[i, DDELAY] = -x[V + i] - velocity + a[i] * delta
 
 
-@compiled
+@kernel
 def predict_velocity(x, a, C, w, z_hat):
     """Velocity (3,) in n, m/s, that the receiver shows; arguments as of `predict_position`."""
     for i in range(3):
@@ -67,7 +67,7 @@ def predict_velocity(x, a, C, w, z_hat):
         z_hat[i] = x[V + i] + velocity - a[i] * x[DELAY]
 
 
-@compiled
+@kernel
 def velocity_jacobian(x, a, C, w, H):
     """H (3, n) of `predict_velocity`."""
     lever_jacobian(x, C, w, 0.0, 1.0, H)
@@ -76,7 +76,7 @@ def velocity_jacobian(x, a, C, w, H):
         H[i, DDELAY] = -a[i]
 
 
-@compiled
+@kernel
 def lever_jacobian(x, C, w, of_place, of_velocity, H):
     """Fill H (3, n) with the Jacobian of of_place * l + of_velocity * u alone, zeros elsewhere."""
     for i in range(3):
@@ -95,13 +95,13 @@ def lever_jacobian(x, C, w, of_place, of_velocity, H):
                 H[m, DANTENNA + i] = of_place * C[m, i] + of_velocity * (C[m, j] * w[k] - C[m, k] * w[j])
 
 
-@compiled
+@kernel
 def predict_yaw(C):
     """Heading (rad from north) of the body's forward axis, as a receiver with two antennas shows it. C: C_nb (3, 3)."""
     return math.atan2(C[1, 0], C[0, 0])
 
 
-@compiled
+@kernel
 def yaw_jacobian(C, H):
     """H (1, n) of `predict_yaw`, which grows without bound near a pitch of 90 deg.
 

@@ -5,11 +5,11 @@
 With the attitude error on the left, C_true' m = C' (m + [m x] dtheta), so the Jacobian of the attitude is C' [m x].
 """
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.strapdown import DFIELD, DIRON, EARTH_FIELD, IRON, THETA
 
 
-@compiled
+@kernel
 def predict(x, C, z_hat):
     """Field (3,) in b, tesla. x: nominal state, C: C_nb (3, 3)."""
     for i in range(3):
@@ -18,7 +18,7 @@ def predict(x, C, z_hat):
             z_hat[i] += C[j, i] * x[EARTH_FIELD + j]
 
 
-@compiled
+@kernel
 def jacobian(x, C, H):
     """H (3, n) of `predict`."""
     for i in range(3):

@@ -6,12 +6,11 @@ eqs. 12 (product), 101 (exponential), 115 (rotation matrix).
 
 import math
 
-import numpy as np
+from mavkf.compiled import kernel
+from mavkf.stack import vector
 
-from mavkf.compiled import compiled
 
-
-@compiled
+@kernel
 def quaternion_product(a, b, out):
     """Hamilton product out = a * b; each of shape (4,), scalar first. `out` may be neither a nor b."""
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
@@ -20,7 +19,7 @@ def quaternion_product(a, b, out):
     out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
 
 
-@compiled
+@kernel
 def quaternion_exp(x, y, z, out):
     """Unit quaternion (4,) of the rotation vector (x, y, z) in rad; exact at zero through the series of sin(a)/a."""
     angle_squared = x * x + y * y + z * z
@@ -37,7 +36,7 @@ def quaternion_exp(x, y, z, out):
     out[3] = scale * z
 
 
-@compiled
+@kernel
 def quaternion_log(q, out):
     """Rotation vector (3,) in rad, of length at most pi, of the unit quaternion q (4,): inverse of `quaternion_exp`."""
     sign = 1.0 if q[0] >= 0.0 else -1.0
@@ -48,10 +47,10 @@ def quaternion_log(q, out):
     out[2] = scale * q[3]
 
 
-@compiled
+@kernel
 def rotate_left(q, x, y, z):
     """q <- exp((x, y, z)) * q, normalised, in place: a rotation by a vector (rad) given in n."""
-    e = np.empty(4)
+    e = vector(4)
     quaternion_exp(x, y, z, e)
     a, b, c, d = q[0], q[1], q[2], q[3]
     w0 = e[0] * a - e[1] * b - e[2] * c - e[3] * d
@@ -65,10 +64,10 @@ def rotate_left(q, x, y, z):
     q[3] = w3 * scale
 
 
-@compiled
+@kernel
 def rotate_right(q, x, y, z):
     """q <- q * exp((x, y, z)), normalised, in place: a rotation by a vector (rad) given in b."""
-    e = np.empty(4)
+    e = vector(4)
     quaternion_exp(x, y, z, e)
     a, b, c, d = q[0], q[1], q[2], q[3]
     w0 = a * e[0] - b * e[1] - c * e[2] - d * e[3]
@@ -82,7 +81,7 @@ def rotate_right(q, x, y, z):
     q[3] = w3 * scale
 
 
-@compiled
+@kernel
 def rotation_matrix(q, C):
     """C_nb (3, 3) of the unit quaternion q_nb (4,)."""
     a, b, c, d = q[0], q[1], q[2], q[3]
@@ -97,7 +96,7 @@ def rotation_matrix(q, C):
     C[2, 2] = a * a - b * b - c * c + d * d
 
 
-@compiled
+@kernel
 def euler_angles(q, out):
     """Roll, pitch, yaw (3,) in rad, sequence ZYX, body forward-right-down to n, of the unit quaternion q_nb (4,)."""
     a, b, c, d = q[0], q[1], q[2], q[3]
@@ -106,7 +105,7 @@ def euler_angles(q, out):
     out[2] = math.atan2(2.0 * (b * c + a * d), a * a + b * b - c * c - d * d)
 
 
-@compiled
+@kernel
 def quaternion_from_euler(roll, pitch, yaw, q):
     """q_nb (4,) of the ZYX Euler angles in rad."""
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
@@ -118,7 +117,7 @@ def quaternion_from_euler(roll, pitch, yaw, q):
     q[3] = cr * cp * sy - sr * sp * cy
 
 
-@compiled
+@kernel
 def wrap_angle(angle):
     """The angle (rad) brought to [-pi, pi]."""
     return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))

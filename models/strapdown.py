@@ -14,9 +14,7 @@ Error equations: Groves section 14.2.4, with the signs of the left error used he
 
 import math
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.earth import EARTH_RATE, SEMI_MAJOR_AXIS, gravity, radii
 from mavkf.models.rotation import (
     quaternion_log,
@@ -26,6 +24,7 @@ from mavkf.models.rotation import (
     rotation_matrix,
     wrap_angle,
 )
+from mavkf.stack import block, matrix, vector
 
 Q, V, LATITUDE, LONGITUDE, HEIGHT, BG, BA, BARO, GNSS, DELAY, EARTH_FIELD, IRON = (
     0,
@@ -48,7 +47,7 @@ N = 26
 TOP = 15  # error states that the rotation, velocity and position rows depend on
 
 
-@compiled
+@kernel
 def rates_of_frame(x, out):
     """Angular rates of n in n (rad/s): out[0:3] = omega_in = omega_ie + omega_en, out[3:6] = omega_ie; returns g (m/s^2).
 
@@ -66,7 +65,7 @@ def rates_of_frame(x, out):
     return gravity(latitude, h)
 
 
-@compiled
+@kernel
 def move(x, north, east, down):
     """Move the position by metres in n, in place."""
     meridian, transverse = radii(x[LATITUDE])
@@ -76,7 +75,7 @@ def move(x, north, east, down):
     x[LONGITUDE] = wrap_angle(x[LONGITUDE])
 
 
-@compiled
+@kernel
 def offset(latitude, longitude, height, latitude0, longitude0, height0, out):
     """Metres north, east, down (3,) from position 0 to the first; curvature taken half way."""
     meridian, transverse = radii(0.5 * (latitude + latitude0))
@@ -87,7 +86,7 @@ def offset(latitude, longitude, height, latitude0, longitude0, height0, out):
     out[2] = height0 - height
 
 
-@compiled
+@kernel
 def propagate_attitude(x, imu0, imu1, dt, frame):
     """Advance q by the gyro only, in place. imu: (6,) omega_b, f_b; frame: as of `rates_of_frame`."""
     w0x, w0y, w0z = imu0[0] - x[BG], imu0[1] - x[BG + 1], imu0[2] - x[BG + 2]
@@ -103,7 +102,7 @@ def propagate_attitude(x, imu0, imu1, dt, frame):
     rotate_left(q, -frame[0] * dt, -frame[1] * dt, -frame[2] * dt)
 
 
-@compiled
+@kernel
 def propagate(x, imu0, imu1, dt, average):
     """Advance the nominal state by dt (s) with the samples at both ends of the interval, in place.
 
@@ -113,8 +112,8 @@ def propagate(x, imu0, imu1, dt, average):
     """
     frame = average[12:18]
     g = rates_of_frame(x, frame)
-    C0 = np.empty((3, 3))
-    C1 = np.empty((3, 3))
+    C0 = matrix(3, 3)
+    C1 = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C0)
     propagate_attitude(x, imu0, imu1, dt, frame)
     rotation_matrix(x[Q : Q + 4], C1)
@@ -136,7 +135,7 @@ def propagate(x, imu0, imu1, dt, average):
     move(x, 0.5 * dt * (v0 + x[V]), 0.5 * dt * (v1 + x[V + 1]), 0.5 * dt * (v2 + x[V + 2]))
 
 
-@compiled
+@kernel
 def transition(x, average, dt, Phi):
     """Rows of attitude, velocity and position of the transition matrix over dt: Phi, shape (9, TOP); the other rows are the identity.
 
@@ -144,7 +143,7 @@ def transition(x, average, dt, Phi):
     """
     Phi[:, :] = 0.0
     f = average[0:3]
-    C = average[3:12].reshape((3, 3))
+    C = block(average, 3, 3, 3)
     frame = average[12:18]
     half = 0.5 * dt * dt
     sixth = dt * dt * dt / 6.0
@@ -178,7 +177,7 @@ def transition(x, average, dt, Phi):
     Phi[VEL + 2, POS + 2] = 2.0 * average[18] / SEMI_MAJOR_AXIS * dt
 
 
-@compiled
+@kernel
 def retract(x, dx):
     """x <- x boxplus dx (n,), in place: left rotation by dtheta_n, metres in n for the position, sums for the rest.
 
@@ -192,11 +191,13 @@ def retract(x, dx):
         x[BG + i] += dx[DBG + i]
 
 
-@compiled
+@kernel
 def local(x, y, dx):
     """dx = y boxminus x, the inverse of `retract`: retract(x, dx) is y."""
-    conjugate = np.array([x[Q], -x[Q + 1], -x[Q + 2], -x[Q + 3]])
-    difference = np.empty(4)
+    conjugate = vector(4)
+    for i in range(4):
+        conjugate[i] = x[Q + i] if i == 0 else -x[Q + i]
+    difference = vector(4)
     quaternion_product(y[Q : Q + 4], conjugate, difference)
     quaternion_log(difference, dx[THETA : THETA + 3])
     for i in range(3):

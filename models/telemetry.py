@@ -16,13 +16,12 @@ A vehicle that nobody looks at stops turning and accelerating in the mean. Rate 
 
 import math
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import strapdown
 from mavkf.models.earth import SEMI_MAJOR_AXIS, radii
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import BG, DBG, HEIGHT, LATITUDE, Q, V, move, rates_of_frame
+from mavkf.stack import copy, matrix, vector, zero_matrix, zero_vector
 
 OMEGA, FORCE = strapdown.X_SIZE, strapdown.X_SIZE + 3
 DOMEGA, DFORCE = strapdown.N, strapdown.N + 3
@@ -34,19 +33,19 @@ STEP = 0.05  # s: longest step of the integration
 Y, Y_V, Y_P, Y_OMEGA, Y_FORCE = 16, 4, 7, 10, 13
 
 
-@compiled
+@kernel
 def place(m):
     """Index in the error state of the m-th state that moves."""
     return m if m < 9 else m - 9 + DOMEGA
 
 
-@compiled
+@kernel
 def derivative(y, frame, g, tau, dy):
     """Fill dy (Y,) of the mean. frame: (6,) as of `strapdown.rates_of_frame`; g: m/s^2; tau: (2,) s, of rate and force."""
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(y[0:4], C)
     # omega of b against n, in b
-    w = np.empty(3)
+    w = vector(3)
     for i in range(3):
         w[i] = y[Y_OMEGA + i]
         for j in range(3):
@@ -68,13 +67,13 @@ def derivative(y, frame, g, tau, dy):
     dy[Y_V + 2] += g - (rx * v1 - ry * v0)
 
 
-@compiled
+@kernel
 def dynamics(y, frame, g, tau, place_of, F):
     """Fill F (M, M) of the error state at the mean y. place_of: latitude (rad), and the radii plus height (2, m)."""
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(y[0:4], C)
     F[:, :] = 0.0
-    f = np.empty(3)
+    f = vector(3)
     for i in range(3):
         f[i] = C[i, 0] * y[Y_FORCE] + C[i, 1] * y[Y_FORCE + 1] + C[i, 2] * y[Y_FORCE + 2]
     for i in range(3):
@@ -100,7 +99,7 @@ def dynamics(y, frame, g, tau, place_of, F):
     F[5, 8] = 2.0 * g / SEMI_MAJOR_AXIS
 
 
-@compiled
+@kernel
 def moment_rates(F, Phi, Qd, Qc, dPhi, dQd):
     """Fill dPhi = F Phi and dQd = F Qd + Qd F' + Qc; Qc: (M,), the diagonal."""
     for i in range(M):
@@ -122,18 +121,18 @@ def moment_rates(F, Phi, Qd, Qc, dPhi, dQd):
         dQd[i, i] += Qc[i]
 
 
-@compiled
+@kernel
 def propagate(x, dt, tau, Qc, Phi, Qd):
     """Advance the nominal state (X_SIZE or more,) by dt (s), in place, and fill Phi and Qd (M, M) of the states that move.
 
     tau: (2,) time constants of rate and force, s; Qc: (M,) spectral densities of white noise on each state's rate.
     """
-    frame = np.empty(6)
+    frame = vector(6)
     g = rates_of_frame(x, frame)
-    place_of = np.empty(3)
+    place_of = vector(3)
     meridian, transverse = radii(x[LATITUDE])
     place_of[0], place_of[1], place_of[2] = x[LATITUDE], meridian + x[HEIGHT], transverse + x[HEIGHT]
-    y = np.zeros(Y)
+    y = zero_vector(Y)
     for i in range(4):
         y[i] = x[Q + i]
     for i in range(3):
@@ -146,14 +145,14 @@ def propagate(x, dt, tau, Qc, Phi, Qd):
             Qd[i, j] = 0.0
     steps = math.ceil(dt / STEP)
     h = dt / steps
-    F = np.empty((M, M))
-    dy, total_y, point_y = np.empty(Y), np.empty(Y), np.empty(Y)
-    dPhi, total_Phi, point_Phi = np.empty((M, M)), np.empty((M, M)), np.empty((M, M))
-    dQd, total_Qd, point_Qd = np.empty((M, M)), np.empty((M, M)), np.empty((M, M))
+    F = matrix(M, M)
+    dy, total_y, point_y = vector(Y), vector(Y), vector(Y)
+    dPhi, total_Phi, point_Phi = matrix(M, M), matrix(M, M), matrix(M, M)
+    dQd, total_Qd, point_Qd = matrix(M, M), matrix(M, M), matrix(M, M)
     for _ in range(steps):
-        point_y[:] = y
-        point_Phi[:, :] = Phi
-        point_Qd[:, :] = Qd
+        copy(point_y, y)
+        copy(point_Phi, Phi)
+        copy(point_Qd, Qd)
         for stage in range(4):
             derivative(point_y, frame, g, tau, dy)
             dynamics(point_y, frame, g, tau, place_of, F)
@@ -169,9 +168,9 @@ def propagate(x, dt, tau, Qc, Phi, Qd):
                     point_Phi[i, j] = Phi[i, j] + ahead * dPhi[i, j]
                     total_Qd[i, j] = (Qd[i, j] if stage == 0 else total_Qd[i, j]) + weight * dQd[i, j]
                     point_Qd[i, j] = Qd[i, j] + ahead * dQd[i, j]
-        y[:] = total_y
-        Phi[:, :] = total_Phi
-        Qd[:, :] = total_Qd
+        copy(y, total_y)
+        copy(Phi, total_Phi)
+        copy(Qd, total_Qd)
     size = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
     for i in range(4):
         x[Q + i] = y[i] / size
@@ -182,11 +181,11 @@ def propagate(x, dt, tau, Qc, Phi, Qd):
     move(x, y[Y_P], y[Y_P + 1], y[Y_P + 2])
 
 
-@compiled
+@kernel
 def propagate_covariance(P, Phi, Qd):
     """P <- Phi P Phi' + Qd (n, n), where Phi and Qd (M, M) are of the states that move and all else stays."""
     n = P.shape[0]
-    A = np.zeros((M, n))
+    A = zero_matrix(M, n)
     for a in range(M):
         for b in range(M):
             p = Phi[a, b]
@@ -208,14 +207,14 @@ def propagate_covariance(P, Phi, Qd):
             P[place(b), place(a)] = total
 
 
-@compiled
+@kernel
 def predict_sample(x, k, z_hat):
     """What the IMU shows (3,): k = 0 the gyro, rad/s, k = 1 the accelerometer, m/s^2."""
     for i in range(3):
         z_hat[i] = x[OMEGA + 3 * k + i] + x[BG + 3 * k + i]
 
 
-@compiled
+@kernel
 def sample_jacobian(k, H):
     """H (3, n) of `predict_sample`."""
     for i in range(3):

@@ -26,7 +26,7 @@ With the attitude error on the left, C_true' v = C' (v + [v x] dtheta), as for t
 
 import math
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import gnss
 from mavkf.models.strapdown import BA, DBA, THETA, VEL, V
 from mavkf.models.telemetry import DFORCE, FORCE
@@ -42,14 +42,14 @@ GAS_CONSTANT = 287.05287  # J/(kg K), dry air
 SEA_LEVEL_TEMPERATURE, SEA_LEVEL_PRESSURE, LAPSE_EXPONENT = 288.15, 101325.0, 0.190263  # K, Pa: ISO 2533
 
 
-@compiled
+@kernel
 def body_velocity(x, C, wn, we, u):
     """Fill u (3,), m/s, with C' (v - w): velocity in b against air that moves by (wn, we, 0) in n. x: nominal state, C: C_nb (3, 3)."""
     for i in range(3):
         u[i] = C[0, i] * (x[V] - wn) + C[1, i] * (x[V + 1] - we) + C[2, i] * x[V + 2]
 
 
-@compiled
+@kernel
 def velocity_jacobian(x, C, wn, we, i, scale, H, row):
     """Add scale times the derivative of u_i of `body_velocity` by attitude and velocity to a row of H (m, n)."""
     v0, v1, v2 = x[V] - wn, x[V + 1] - we, x[V + 2]
@@ -61,7 +61,7 @@ def velocity_jacobian(x, C, wn, we, i, scale, H, row):
         H[row, VEL + j] += scale * C[j, i]
 
 
-@compiled
+@kernel
 def air_jacobian(x, C, i, scale, H, row):
     """The same with the wind of the state, and by it."""
     velocity_jacobian(x, C, x[WIND], x[WIND + 1], i, scale, H, row)
@@ -69,7 +69,7 @@ def air_jacobian(x, C, i, scale, H, row):
         H[row, DWIND + j] -= scale * C[j, i]
 
 
-@compiled
+@kernel
 def predict_slip(x, C, omega, h):
     """Fill h (2,), m/s: sideways and vertical velocity of the wheels. omega: (3,) body rate, rad/s."""
     u0 = C[0, 0] * x[V] + C[1, 0] * x[V + 1] + C[2, 0] * x[V + 2]
@@ -79,7 +79,7 @@ def predict_slip(x, C, omega, h):
     h[1] = u2 + x[FORWARD + 1] * u0 - omega[1] * x[AXLE]
 
 
-@compiled
+@kernel
 def slip_jacobian(x, C, omega, H):
     """H (2, n) of `predict_slip`. The rate is taken as it is: a gyro bias of 2 mrad/s at 1 m makes 2 mm/s."""
     H[:, :] = 0.0
@@ -94,7 +94,7 @@ def slip_jacobian(x, C, omega, H):
     H[1, DAXLE] = -omega[1]
 
 
-@compiled
+@kernel
 def predict_drag(x, u, f, h):
     """Fill h (2,), m/s^2: specific force along x and y of b that drag does not explain. u: (3,) as of `body_velocity`, f: (3,) in b."""
     size = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
@@ -103,7 +103,7 @@ def predict_drag(x, u, f, h):
     h[1] = f[1] + k * u[1]
 
 
-@compiled
+@kernel
 def drag_jacobian(x, C, u, is_state, H):
     """H (2, n) of `predict_drag`; is_state: whether f is the telemetry model's state, else a sample less the bias."""
     H[:, :] = 0.0
@@ -122,20 +122,20 @@ def drag_jacobian(x, C, u, is_state, H):
             H[i, DBA + i] = -1.0
 
 
-@compiled
+@kernel
 def specific_force(x, sample, is_state, f):
     """Fill f (3,), m/s^2, in b: of the telemetry model's state, or of a sample (3,) less the bias."""
     for i in range(3):
         f[i] = x[FORCE + i] if is_state else sample[i] - x[BA + i]
 
 
-@compiled
+@kernel
 def predict_airspeed(x, u):
     """What a pitot tube shows, m/s. u: (3,) as of `body_velocity`."""
     return math.exp(x[FACTOR]) * math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
 
 
-@compiled
+@kernel
 def airspeed_jacobian(x, C, u, H):
     """H (1, n) of `predict_airspeed`; u must not be zero."""
     H[:, :] = 0.0
@@ -146,13 +146,13 @@ def airspeed_jacobian(x, C, u, H):
     H[0, DFACTOR] = factor * size
 
 
-@compiled
+@kernel
 def predict_sideslip(x, u):
     """Velocity of the air from the side that the lasting sideslip does not explain, m/s. u: (3,) as of `body_velocity`."""
     return u[1] - x[SLIP] * u[0]
 
 
-@compiled
+@kernel
 def sideslip_jacobian(x, C, u, H):
     """H (1, n) of `predict_sideslip`."""
     H[:, :] = 0.0
@@ -161,7 +161,7 @@ def sideslip_jacobian(x, C, u, H):
     H[0, DSLIP] = -u[0]
 
 
-@compiled
+@kernel
 def airspeed(difference, pressure):
     """True airspeed (m/s) of a differential and a static pressure (Pa) by Bernoulli, in the air of the standard atmosphere."""
     temperature = SEA_LEVEL_TEMPERATURE * (pressure / SEA_LEVEL_PRESSURE) ** LAPSE_EXPONENT

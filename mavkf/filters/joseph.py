@@ -12,12 +12,12 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import compiled, kernel
 from mavkf.filters.covariance import predict as predict_covariance
 from mavkf.filters.dense import identity
 
 
-@compiled
+@kernel
 def innovation_covariance(P, H, R, PHt, S):
     """Fill PHt = P H' (n, m) and S = H P H' + R (m, m). P: (n, n), H: (m, n), R: (m, m)."""
     m, n = H.shape
@@ -38,41 +38,46 @@ def innovation_covariance(P, H, R, PHt, S):
             S[b, a] = total
 
 
-@compiled
+@kernel
 def invert(S, inverse):
     """Inverse of a symmetric positive definite matrix (m, m) by Cholesky; returns the determinant, 0 where it is not positive definite."""
     m = S.shape[0]
-    L = np.zeros((m, m))
     determinant = 1.0
+    # the factor L, S = L L', in the lower triangle
     for i in range(m):
         for j in range(i + 1):
             total = S[i, j]
             for k in range(j):
-                total -= L[i, k] * L[j, k]
+                total -= inverse[i, k] * inverse[j, k]
             if i == j:
                 if not total > 0.0:
                     return 0.0
                 determinant *= total
-                L[i, i] = math.sqrt(total)
+                inverse[i, i] = math.sqrt(total)
             else:
-                L[i, j] = total / L[j, j]
-    # columns of the inverse: L y = e, L' x = y
+                inverse[i, j] = total / inverse[j, j]
+    # L^-1 in its place, column by column: row i needs rows of L above that are overwritten only in columns done before
     for c in range(m):
-        y = np.zeros(m)
-        for i in range(c, m):
-            total = 1.0 if i == c else 0.0
+        inverse[c, c] = 1.0 / inverse[c, c]
+        for i in range(c + 1, m):
+            total = 0.0
             for k in range(c, i):
-                total -= L[i, k] * y[k]
-            y[i] = total / L[i, i]
-        for i in range(m - 1, -1, -1):
-            total = y[i]
-            for k in range(i + 1, m):
-                total -= L[k, i] * inverse[k, c]
-            inverse[i, c] = total / L[i, i]
+                total -= inverse[i, k] * inverse[k, c]
+            inverse[i, c] = total / inverse[i, i]
+    # S^-1 = L^-T L^-1; entry (i, j) needs rows i and below, so it may take the place of what it was computed from
+    for i in range(m):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, m):
+                total += inverse[k, i] * inverse[k, j]
+            inverse[i, j] = total
+    for i in range(m):
+        for j in range(i):
+            inverse[j, i] = inverse[i, j]
     return determinant
 
 
-@compiled
+@kernel
 def row_variance(P, H, row):
     """H P H' of one row of H: the variance of what is predicted of one component."""
     total = 0.0
@@ -83,7 +88,7 @@ def row_variance(P, H, row):
     return total
 
 
-@compiled
+@kernel
 def quadratic(inverse, r):
     """r' S^-1 r: the normalised innovation squared."""
     total = 0.0
@@ -93,9 +98,11 @@ def quadratic(inverse, r):
     return total
 
 
-@compiled
-def correct(P, H, R, PHt, inverse, r, dx, K, considered, first):
+@kernel
+def correct(P, H, R, PHt, inverse, r, dx, K, M, considered, first):
     """Fill the gain K (n, m) and dx = K r (n,), and update P in place; PHt and the inverse of S as computed before.
+
+    M: (n, m), to work in.
 
     considered: a state whose gain is zero (-1: none), as are those of all states before `first`: its uncertainty counts, its value is
     left alone (Schmidt's consider filter:
@@ -120,7 +127,6 @@ def correct(P, H, R, PHt, inverse, r, dx, K, considered, first):
             for j in range(n):
                 P[i, j] -= K[i, b] * PHt[j, b]
     # P1 H' by the rows of P1: with a considered state it is not symmetric, so the columns would not do
-    M = np.empty((n, m))
     for b in range(m):
         for i in range(n):
             M[i, b] = 0.0
@@ -180,4 +186,4 @@ def update(A, H, r, dx):
         for a in range(m):
             for b in range(m):
                 inverse[a, b] = np.nan  # P is not a covariance: said by what comes out, not hidden
-    correct(A, H, R, PHt, inverse, r, dx, np.empty((A.shape[0], r.shape[0])), -1, 0)
+    correct(A, H, R, PHt, inverse, r, dx, np.empty((n, m)), np.empty((n, m)), -1, 0)

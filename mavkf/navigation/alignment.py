@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, Q
@@ -14,6 +12,7 @@ from mavkf.navigation.disturbances import begin_fault
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
+from mavkf.stack import matrix, vector, zero_vector
 
 DURATION = 1.0  # s
 SAMPLES = 4  # a slow IMU takes longer
@@ -29,7 +28,7 @@ YAW_ARBITRARY = (
 GYRO_STILL = 2e-3  # rad/s: how well a still second tells the gyro bias, vibration and counts included
 
 
-@compiled
+@kernel
 def collect(s, e_imu, t, c, out):
     """Take one sample (6,) into the sums; when they are complete, set the attitude and its covariance. Returns whether it did."""
     k = L.ALIGN_SUM
@@ -44,8 +43,8 @@ def collect(s, e_imu, t, c, out):
     n = s[L.ALIGN_COUNT]
     if n < SAMPLES or t - s[L.ALIGN_START] < DURATION:
         return False
-    mean = np.empty(6)
-    spread = np.zeros(2)
+    mean = vector(6)
+    spread = zero_vector(2)
     for i in range(6):
         mean[i] = s[k + i] / n
         spread[i // 3] += max(0.0, s[k + 6 + i] / n - mean[i] * mean[i])
@@ -69,7 +68,8 @@ def collect(s, e_imu, t, c, out):
     roll = math.atan2(-mean[4], -mean[5])
     pitch = math.atan2(mean[3], math.hypot(mean[4], mean[5]))
     quaternion_from_euler(roll, pitch, 0.0, x[Q : Q + 4])
-    x[BG : BG + 3] = mean[0:3] if still else np.zeros(3)
+    for i in range(3):
+        x[BG + i] = mean[i] if still else 0.0
     x[BA : BA + 3] = 0.0
     # what makes the force longer or shorter than gravity, where it lies across it: a^2 = f^2 - g^2
     set_covariance(s, c, still, math.sqrt(spread[1] + abs(force * force - STANDARD_GRAVITY**2)))
@@ -81,14 +81,14 @@ def collect(s, e_imu, t, c, out):
     return True
 
 
-@compiled
+@kernel
 def doubt_stillness(s, c):
     """Align as a moving vehicle does after all, where the first fix shows one that must have moved when it seemed still."""
     s[BG : BG + 3] = 0.0
     set_covariance(s, c, False, c[Parameter.ACCELERATION])
 
 
-@compiled
+@kernel
 def set_covariance(s, c, still, unrest):
     """Covariance of attitude and biases after levelling; `unrest` (m/s^2): how far the force was from constant gravity.
 
@@ -97,7 +97,7 @@ def set_covariance(s, c, still, unrest):
     """
     x = s[L.X : L.P]
     P = L.covariance(s)
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C)
     bias = c[Parameter.ACCEL_BIAS] ** 2
     other = (0.02 if still else 0.1 + 0.5 * min(unrest / STANDARD_GRAVITY, 1.0)) ** 2
@@ -113,7 +113,7 @@ def set_covariance(s, c, still, unrest):
     P[THETA + 2, THETA + 2] = YAW_ARBITRARY**2
 
 
-@compiled
+@kernel
 def turn_heading(s, turn, variance):
     """Turn the attitude about down by an angle (rad): the heading is known from now on, with this variance (rad^2), free of all else.
 

@@ -2,18 +2,17 @@
 
 import math
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import gnss
 from mavkf.models.gnss import ANTENNA
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import POS, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.parameter import Parameter
+from mavkf.stack import matrix
 
 
-@compiled
+@kernel
 def mounting(s, C, w):
     """Fill C (3, 3) with C_nb and w (3,) with omega_b; zeros where no lever arm can be laid into n: heading or rate are not known."""
     for i in range(3):
@@ -26,7 +25,7 @@ def mounting(s, C, w):
             w[i] = s[L.RATE + i] if math.isfinite(s[L.RATE + i]) else 0.0
 
 
-@compiled
+@kernel
 def unknown_lever(s, c):
     """One sigma (m) of an axis for a lever arm that cannot be laid into n: it stays as it is for as long as the heading does."""
     if s[L.ALIGNED] != 0.0 and s[L.YAW_KNOWN] != 0.0:
@@ -35,11 +34,11 @@ def unknown_lever(s, c):
     return math.sqrt(0.5 * square + c[Parameter.ANTENNA_SIGMA] ** 2)
 
 
-@compiled
+@kernel
 def carry_lever(s, C, w):
     """Position errors (3) that were just cut loose get the part that comes from attitude and lever arm: dp = -H_l dx."""
     P = L.covariance(s)
-    H = np.empty((3, P.shape[0]))
+    H = matrix(3, P.shape[0])
     gnss.lever_jacobian(s[L.X : L.P], C, w, 1.0, 0.0, H)
     for i in range(3):
         for j in range(P.shape[0]):

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import FAULTS, NoteCode
@@ -24,7 +24,7 @@ VIBRATION = 30.0  # m/s^2
 MADE_UP_AFTER = 10.0  # samples in a row without noise of their own
 
 
-@compiled
+@kernel
 def begin_faults(s):
     """No fault is going on."""
     for k in range(FAULTS):
@@ -45,19 +45,19 @@ def begin_faults(s):
         s[i] = np.nan
 
 
-@compiled
+@kernel
 def fault_book(code):
     """Where the book of a fault is, by its NoteCode."""
     return L.FAULT_BOOK + 3 * (code.value - FIRST)
 
 
-@compiled
+@kernel
 def is_on(s, code):
     """Whether a fault is going on."""
     return math.isfinite(s[fault_book(code) + L.FAULT_SINCE])
 
 
-@compiled
+@kernel
 def begin_fault(s, out, code, start, size, a, b):
     """A fault shows now: tell it if it is new, with its start (s), size and evidence; else remember the largest size."""
     k = fault_book(code)
@@ -70,7 +70,7 @@ def begin_fault(s, out, code, start, size, a, b):
     tell(out, code.value, APART, s[L.T], start, np.nan, size, a, b)
 
 
-@compiled
+@kernel
 def end_fault(s, out, code):
     """A fault is over, if it was going on: tell it with its span and its largest size."""
     k = fault_book(code)
@@ -79,7 +79,7 @@ def end_fault(s, out, code):
         s[k + L.FAULT_SINCE] = np.nan
 
 
-@compiled
+@kernel
 def calm_fault(s, out, code):
     """End a fault that has not shown for a while."""
     k = fault_book(code)
@@ -87,7 +87,7 @@ def calm_fault(s, out, code):
         end_fault(s, out, code)
 
 
-@compiled
+@kernel
 def watch_imu(s, out):
     """What the IMU's samples show by themselves, after one was taken: made-up values, clipping, vibration."""
     if s[L.SMOOTH] >= MADE_UP_AFTER:

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import NOTHING, VECTOR, compiled, compiled_apart
+from mavkf.compiled import NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
@@ -42,6 +42,7 @@ from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
 from mavkf.navigation.use_magnetometer import use_magnetometer
 from mavkf.samples import BASE_MODE, KIND, SOURCE, TIME
+from mavkf.stack import copy, vector
 
 OUTAGE_AFTER = 2.0  # s without a fused position
 GIVE_UP_POSITION, GIVE_UP_VELOCITY = 300.0, 30.0  # m, m/s: one sigma at which position is not known any more
@@ -49,7 +50,7 @@ FIXES_AFTER_GAP = 3.0
 ARMED_BIT = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 
 
-@compiled
+@kernel
 def choose_model(s, e, c, out):
     """The model that is wanted where it can be: attitude, yaw and position known. A vehicle at rest needs no states for its motion."""
     model = s[L.WANTED]
@@ -70,7 +71,7 @@ def choose_model(s, e, c, out):
         note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], 0.0, model, 0.0)
 
 
-@compiled
+@kernel
 def watch_position(s, out):
     """Tell of an outage; give the position up when nobody could use it; refuse the neighbourhood of the poles."""
     if s[L.POSITION_KNOWN] == 0.0:
@@ -119,11 +120,11 @@ def measure(s, e, c, out):
         use_barometer(s, e, c, out)
 
 
-@compiled
+@kernel
 def use_imu(s, e, c, out):
     """An IMU sample: go through the measurements that wait, each at its own time between the samples, then to the sample's time."""
     t = e[TIME]
-    imu = np.empty(6)
+    imu = vector(6)
     untruncated(e, c, imu)
     first = not math.isfinite(s[L.T_IMU])
     gyro, accel = np.inf, np.inf
@@ -172,16 +173,17 @@ def use_imu(s, e, c, out):
     choose_model(s, e, c, out)
 
 
-@compiled
+@kernel
 def interpolate(s, imu, t, c, out):
     """From the last sample to this one (6,) at time t, stopping at each measurement that waits."""
     t0 = s[L.T_IMU]
-    previous = s[L.IMU : L.IMU + 6].copy()
-    start = previous.copy()
-    end = np.empty(6)
+    previous, start, end = vector(6), vector(6), vector(6)
+    copy(previous, s[L.IMU : L.IMU + 6])
+    copy(start, previous)
     n = int(s[L.PENDING_COUNT])
     for k in range(n):
-        e = s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH].copy()
+        e = vector(L.EVENT_WIDTH)
+        copy(e, s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH])
         dt = e[TIME] - s[L.T]
         if dt > 1e-9:
             share = (e[TIME] - t0) / (t - t0)
@@ -189,7 +191,7 @@ def interpolate(s, imu, t, c, out):
                 end[i] = previous[i] + share * (imu[i] - previous[i])
             step(s, c, start, end, dt, s[L.NOISE_GYRO], s[L.NOISE_ACCEL], out)
             s[L.T] = e[TIME]
-            start[:] = end
+            copy(start, end)
             for i in range(3):
                 s[L.RATE + i] = end[i] - s[BG + i]
             set_acceleration(s, end)
@@ -199,7 +201,7 @@ def interpolate(s, imu, t, c, out):
     s[L.T] = t
 
 
-@compiled
+@kernel
 def coast_or_start(s, c, t, out):
     """Bring the state to time t without an IMU; the first event of a session starts its clock."""
     if math.isfinite(s[L.T]):
@@ -208,12 +210,13 @@ def coast_or_start(s, c, t, out):
         s[L.T] = t
 
 
-@compiled
+@kernel
 def fuse_waiting(s, c, out, by_model):
     """Fuse the measurements that wait, each at its time: by the telemetry model, or without the IMU's help."""
     n = int(s[L.PENDING_COUNT])
     for k in range(n):
-        e = s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH].copy()
+        e = vector(L.EVENT_WIDTH)
+        copy(e, s[L.PENDING + k * L.EVENT_WIDTH : L.PENDING + (k + 1) * L.EVENT_WIDTH])
         if by_model:
             advance(s, c, e[TIME], out)
         else:
@@ -222,7 +225,7 @@ def fuse_waiting(s, c, out, by_model):
     s[L.PENDING_COUNT] = 0.0
 
 
-@compiled
+@kernel
 def fold(s, e, c, out):
     """Take one event (EVENT_WIDTH,) into the state (STATE_SIZE,), in place: into both of its halves where two models are run.
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, VECTOR, compiled, compiled_apart
+from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, VECTOR, compiled_apart, kernel
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
 from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
@@ -27,17 +27,18 @@ from mavkf.navigation.tape import (
 )
 from mavkf.navigation.tape_detail import record_probe
 from mavkf.samples import SOURCE
+from mavkf.stack import copy, matrix, vector, zero_matrix
 
 SLOWEST_FOR_LEARNING = 0.05  # s between IMU samples, above which its own errors look like a delay or a wander of GNSS
 
 
-@compiled
+@kernel
 def note(out, code, start, end, size, a, b):
     """Write a note row of what was found at its end, unless one of this code was written for this time or later (it is folded again)."""
     tell(out, code.value, 0.0, end, start, end, size, a, b)
 
 
-@compiled
+@kernel
 def tell(out, code, apart, t, start, end, size, a, b):
     """Write a note row at time t, as `note` does; what lasts has no end yet (NaN).
 
@@ -58,7 +59,7 @@ def tell(out, code, apart, t, start, end, size, a, b):
         counts[1] += 1
 
 
-@compiled
+@kernel
 def record(out, e, t, sensor, r, S, nis, limit, reason):
     """Write an innovation row, unless this event has left one for this sensor already (it is folded again).
 
@@ -86,7 +87,7 @@ def record(out, e, t, sensor, r, S, nis, limit, reason):
         counts[0] += 1
 
 
-@compiled
+@kernel
 def fuse(s, e, c, out, sensor, r, H, R, suspect):
     """Judge and fuse one vector; returns its NIS, or -1 where it was not fused.
 
@@ -95,7 +96,7 @@ def fuse(s, e, c, out, sensor, r, H, R, suspect):
     return judge_and_correct(s, e, c, out, sensor.value, r, H, R, R, False, suspect.value)
 
 
-@compiled
+@kernel
 def fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting):
     """Judge one vector by R and fuse it with R_lasting: its errors last, so that many together tell less than each alone."""
     return judge_and_correct(s, e, c, out, sensor.value, r, H, R, R_lasting, True, Reason.FUSED.value)
@@ -109,9 +110,10 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
         return 0.0
     m = r.shape[0]
     P = L.covariance(s)
-    PHt = np.empty((P.shape[0], m))
-    S = np.empty((m, m))
-    inverse = np.empty((m, m))
+    n = P.shape[0]
+    PHt = matrix(n, m)
+    S = matrix(m, m)
+    inverse = matrix(m, m)
     innovation_covariance(P, H, R, PHt, S)
     limit = c[Parameter.LIMIT_1 + m - 1]
     nis = np.nan
@@ -128,7 +130,7 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
             # what is refused counts as if it had just been let in
             s[L.LIKELIHOOD] -= 0.5 * (min(nis, limit) + math.log(determinant))
     record(out, e, s[L.T], sensor, r, S, nis, limit, reason)
-    K = np.zeros((P.shape[0], m))
+    K = zero_matrix(n, m)
     if reason != Reason.FUSED.value:
         if reason == Reason.GATE.value and sensor == Sensor.GNSS_VELOCITY.value and math.isfinite(nis):
             # a filter that an IMU has led astray refuses velocities: they tell what is wrong all the same
@@ -138,13 +140,13 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
         innovation_covariance(P, H, R_lasting, PHt, S)
         if not invert(S, inverse) > 0.0:
             return -1.0
-    dx = np.empty(P.shape[0])
+    dx = vector(n)
     # a delay is seen only where the motion between samples is: a slow IMU shows its own aliasing instead
     considered = DDELAY if s[L.PERIOD] > SLOWEST_FOR_LEARNING else -1
     recording = is_recording(out)
     if recording:
         attend(s, out)
-    correct(P, H, R_lasting, PHt, inverse, r, dx, K, considered, int(s[L.CORRECT_FROM]))
+    correct(P, H, R_lasting, PHt, inverse, r, dx, K, matrix(n, m), considered, int(s[L.CORRECT_FROM]))
     watch(s, e, sensor, r, H, inverse, K, nis, sensor <= Sensor.BAROMETER.value and not lasts)
     retract(s[L.X : L.P], dx)
     if recording:
@@ -153,7 +155,7 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     return nis
 
 
-@compiled
+@kernel
 def forget(s, first, count, variance):
     """Cut error states first..first+count loose from all others and give each this variance."""
     P = L.covariance(s)
@@ -164,10 +166,12 @@ def forget(s, first, count, variance):
         P[i, i] = variance
 
 
-@compiled
+@kernel
 def widen(s, n):
     """Give the covariance n rows; the new ones are zero."""
-    old = L.covariance(s).copy()
+    before = int(s[L.STATES])
+    old = matrix(before, before)
+    copy(old, L.covariance(s))
     s[L.STATES] = n
     P = L.covariance(s)
     P[:, :] = 0.0

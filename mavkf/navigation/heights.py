@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.strapdown import DBA, POS, VEL
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
@@ -17,7 +17,7 @@ APART = 0.3  # of a shift that only one of them shows
 RECENT = 1.0  # s
 
 
-@compiled
+@kernel
 def compare_heights(s, height, dt):
     """At a fix of the main receiver: keep how far its height (m) is below the pressure's, now and in the mean; dt: s since the last."""
     if not s[L.T] - s[L.T_BAROMETER] < RECENT:
@@ -30,13 +30,13 @@ def compare_heights(s, height, dt):
     s[L.HEIGHTS_MEAN] += weight * (s[L.HEIGHTS_APART] - s[L.HEIGHTS_MEAN])
 
 
-@compiled
+@kernel
 def heights_agree(s, shift):
     """Whether pressure and fixes are as far apart as before, though one of them is said to have shifted by so much (m)."""
     return abs(s[L.HEIGHTS_APART] - s[L.HEIGHTS_MEAN]) < APART * abs(shift)
 
 
-@compiled
+@kernel
 def doubt_height(s, out, r, since):
     """Widen the height, its rate and the accelerometer's bias by what r (m) of error since a time (s) tells: a = 2 r / t^2.
 

@@ -2,21 +2,20 @@
 
 import math
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.disturbances import MADE_UP_AFTER
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import COAST_RATE, roaming
 from mavkf.samples import ACCEL_RESOLUTION, GYRO, GYRO_RESOLUTION
+from mavkf.stack import zero_vector
 
 DIFFERENCE_TIME = 20.0  # s: memory of how restless the samples are
 SMOOTHNESS = 1e-10  # of the usual variance of second differences: what the digits of a log leave of a line
 MOVES, TURNS = 0.3, 0.03  # m/s, rad/s
 
 
-@compiled
+@kernel
 def unseen_share(square, product):
     """Variance of what a trapezoid of two samples misses, in squares of dt times the mean squared difference of samples.
 
@@ -33,7 +32,7 @@ def unseen_share(square, product):
     return (1.0 - rho) / 12.0
 
 
-@compiled
+@kernel
 def follow_smoothness(s, e, second):
     """Count the samples in a row that lie on a line with the two before, given the squares (2,) of the second differences of now.
 
@@ -53,16 +52,16 @@ def follow_smoothness(s, e, second):
     s[L.SMOOTH] = s[L.SMOOTH] + 1.0 if smooth and moves else 0.0
 
 
-@compiled
+@kernel
 def watch_samples(s, e, c, imu, dt):
     """Noise densities in use from how much successive samples differ: what happens between them is not seen.
 
     dt times the larger of now and the 20 s average of the squared differences, times the `unseen_share` of each sensor, plus the
     rounding to whole counts. Returns the squared differences of now, gyro and accelerometer, per axis.
     """
-    square = np.zeros(2)
-    product = np.zeros(2)
-    last_square = np.zeros(2)
+    square = zero_vector(2)
+    product = zero_vector(2)
+    last_square = zero_vector(2)
     for i in range(6):
         difference = imu[i] - s[L.IMU + i]
         square[i // 3] += difference * difference / 3.0
@@ -70,7 +69,9 @@ def watch_samples(s, e, c, imu, dt):
         product[i // 3] += difference * s[L.LAST_DIFFERENCE + i] / 3.0
         s[L.LAST_DIFFERENCE + i] = difference
     weight = 1.0 - math.exp(-dt / DIFFERENCE_TIME)
-    follow_smoothness(s, e, square - 2.0 * product + last_square)
+    for k in range(2):
+        last_square[k] += square[k] - 2.0 * product[k]
+    follow_smoothness(s, e, last_square)
     for k in range(2):
         s[L.DIFFERENCE_GYRO + k] += weight * (square[k] - s[L.DIFFERENCE_GYRO + k])
         s[L.TURN_GYRO + k] += weight * (product[k] - s[L.TURN_GYRO + k])
@@ -87,7 +88,7 @@ def watch_samples(s, e, c, imu, dt):
     return square[0], square[1]
 
 
-@compiled
+@kernel
 def untruncated(e, c, imu):
     """Fill imu (6,) with the sample; values that were cut off toward zero to whole counts are half a count larger in the mean."""
     for i in range(6):

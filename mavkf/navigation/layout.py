@@ -12,6 +12,7 @@ from mavkf.models.strapdown import TOP
 from mavkf.models.vehicle_class import STATES_MOST, X_SIZE
 from mavkf.navigation.codes import FAULTS, NOTE_CODES
 from mavkf.samples import ROW_WIDTH
+from mavkf.stack import block
 
 SLOW = 0.125  # s between IMU samples: from here on what a vehicle does between them is mostly not seen
 
@@ -239,4 +240,4 @@ def buffers(innovations: int, notes: int, recorded: int, tape: int = 0) -> tuple
 def covariance(s: np.ndarray) -> np.ndarray:
     """P (STATES, STATES) of a state, as a view."""
     n = int(s[STATES])
-    return s[P : P + n * n].reshape((n, n))
+    return block(s, P, n, n)

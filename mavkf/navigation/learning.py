@@ -2,7 +2,7 @@
 
 import math
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.parameter import Parameter
 
@@ -21,14 +21,14 @@ LONGEST_COLOUR = 5.0  # times the assumed time
 MOST_COLOUR = 8.0  # times the floor of the coloured sigma
 
 
-@compiled
+@kernel
 def learn(scale, nis, m, share, least):
     """A variance scale after one NIS of m degrees: the gradient of its likelihood, weighted by the share R / S that is its doing."""
     surprise = min(nis / m, 10.0) - 1.0
     return min(max(scale * math.exp(LEARNING * share * surprise), least), MOST_SCALE)
 
 
-@compiled
+@kernel
 def learn_colour_time(s, c, nis, S, axis, dt):
     """Let the coloured error last longer where the fixes wander less than it would make them, after one NIS per degree of freedom.
 
@@ -42,7 +42,7 @@ def learn_colour_time(s, c, nis, S, axis, dt):
     s[L.COLOUR_TIME + axis] = min(max(tau * math.exp(-TIME_LEARNING * share * surprise), least), LONGEST_COLOUR * least)
 
 
-@compiled
+@kernel
 def learn_walk(s, r, variance):
     """Let the gyro bias move faster while successive velocity innovations (2,) of this variance agree: something turns unseen.
 
@@ -54,7 +54,7 @@ def learn_walk(s, r, variance):
     s[L.SCALE_WALK] = min(max(s[L.SCALE_WALK] * math.exp(WALK_LEARNING * surprise), 1.0), MOST_WALK)
 
 
-@compiled
+@kernel
 def learn_colour(s, r, S, axis, first, count):
     """Let the sigma of the coloured error follow the correlation of successive position innovations, which is none where it is right."""
     rho = 0.0

@@ -20,12 +20,13 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import compiled, kernel
 from mavkf.filters.joseph import invert
 from mavkf.models.strapdown import DBA, DBG, DGNSS, TOP
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
 from mavkf.samples import SOURCE
+from mavkf.stack import block, matrix, vector
 
 RAMP, VELOCITY, GYRO, ACCELEROMETER = (
     0,
@@ -43,18 +44,19 @@ PHASE = np.array([0.0, 5.0, 10.0, 15.0, 0.0, 30.0] + [0.0, 0.0, 6.0] + [0.0, 4.0
 SUDDEN = 6  # the hypothesis of a velocity that lies from the fix on at which it surprised
 SURPRISE = 4.0  # NIS per degree of freedom that begins it anew
 SUDDEN_AGE, SUDDEN_RATIO = 12.0, 12.0  # s; or where it does not follow anything likely
+TRANSITION = 9 * TOP  # numbers of a transition
 CLIP = (
     20.0  # NIS beyond which an innovation counts no more than one of this size: an outlier is no evidence of what lasts
 )
 
 
-@compiled
+@kernel
 def can_judge(s):
     """Whether the model is one that the monitors follow, and the innovations are the sensors' rather than the sampling's."""
     return s[L.MODEL] == L.STRAPDOWN and s[L.PERIOD] <= L.SLOW and s[L.RECOVERING] == 0.0 and s[L.POSITION_KNOWN] != 0.0
 
 
-@compiled
+@kernel
 def hypothesis(h):
     """Where hypothesis h is in the state."""
     return L.MONITORS + h * L.HYPOTHESIS
@@ -65,10 +67,10 @@ def effect(s, h):
     """The shift f (STATES, 3) of the estimate by a unit fault of hypothesis h, as a view."""
     b = hypothesis(h) + L.H_F
     n = int(s[L.STATES])
-    return s[b : b + 3 * n].reshape((n, 3))
+    return block(s, b, n, 3)
 
 
-@compiled
+@kernel
 def stop_monitors(s):
     """Forget all hypotheses: the estimate was changed by other means than its own gain."""
     s[L.MONITORED] = 0.0
@@ -76,7 +78,7 @@ def stop_monitors(s):
         s[hypothesis(h)] = np.nan
 
 
-@compiled
+@kernel
 def carry_nothing(s):
     """The effects stand at the state's time."""
     k = L.SINCE_UPDATE
@@ -87,7 +89,7 @@ def carry_nothing(s):
     s[k + 9 * TOP + 1] = 1.0
 
 
-@compiled
+@kernel
 def begin_one(s, h):
     """Begin hypothesis h at the state's time."""
     b = hypothesis(h)
@@ -100,7 +102,7 @@ def begin_one(s, h):
             s[b + L.H_F + 3 * ((DBG if KIND[h] == GYRO else DBA) + i) + i] = -1.0
 
 
-@compiled
+@kernel
 def surprised(s, nis, m):
     """Before a velocity of the main receiver is fused: let it be the first of a lie, where its NIS of m degrees surprises.
 
@@ -108,13 +110,13 @@ def surprised(s, nis, m):
     """
     if s[L.MONITORED] == 0.0 or not nis > SURPRISE * m:
         return
-    size, covariance = np.empty(3), np.empty((3, 3))
+    size, covariance = vector(3), matrix(3, 3)
     if s[L.T] - s[hypothesis(SUDDEN)] > SUDDEN_AGE or regress(s, SUDDEN, size, covariance) < SUDDEN_RATIO:
         carry_effects(s)
         begin_one(s, SUDDEN)
 
 
-@compiled
+@kernel
 def begin_hypotheses(s):
     """At a fix: begin each hypothesis whose time has come, or all where none is followed; forget them where nothing can be judged."""
     if not can_judge(s):
@@ -135,13 +137,15 @@ def begin_hypotheses(s):
         begin_one(s, h)
 
 
-@compiled
+@kernel
 def follow_transition(s, Phi):
     """Add one step's transition (9, TOP) to what the effects have still to be carried along."""
     if s[L.MONITORED] == 0.0:
         return
     k = L.SINCE_UPDATE
-    before = s[k : k + 9 * TOP].copy()
+    before = vector(TRANSITION)
+    for i in range(TRANSITION):
+        before[i] = s[k + i]
     for i in range(9):
         for j in range(TOP):
             total = Phi[i, j] if j >= 9 else 0.0
@@ -150,17 +154,17 @@ def follow_transition(s, Phi):
             s[k + TOP * i + j] = total
 
 
-@compiled
+@kernel
 def follow_decay(s, axis, phi):
     """Let the effects on the coloured error decay by phi; axis: 0 horizontal, 1 vertical."""
     s[L.SINCE_UPDATE + 9 * TOP + axis] *= phi
 
 
-@compiled
+@kernel
 def carry_effects(s):
     """Carry all effects along to the state's time."""
     k = L.SINCE_UPDATE
-    top = np.empty(9)
+    top = vector(9)
     for h in range(L.HYPOTHESES):
         if not math.isfinite(s[hypothesis(h)]):
             continue
@@ -178,7 +182,7 @@ def carry_effects(s):
     carry_nothing(s)
 
 
-@compiled
+@kernel
 def watch(s, e, sensor, r, H, inverse, K, nis, tells):
     """Take one fused measurement into all hypotheses: innovation r (m,), H (m, n), S^-1 (m, m), gain K (n, m), sensor: value of a Sensor.
 
@@ -190,8 +194,8 @@ def watch(s, e, sensor, r, H, inverse, K, nis, tells):
     m, n = H.shape
     weight = 1.0 if nis <= CLIP else CLIP / nis
     main = e[SOURCE] == s[L.MAIN]
-    G = np.empty((m, 3))
-    W = np.empty((m, 3))
+    G = matrix(m, 3)
+    W = matrix(m, 3)
     for h in range(L.HYPOTHESES):
         b = hypothesis(h)
         if not math.isfinite(s[b]):
@@ -227,11 +231,11 @@ def watch(s, e, sensor, r, H, inverse, K, nis, tells):
                     f[i, j] += K[i, a] * G[a, j]
 
 
-@compiled
+@kernel
 def regress(s, h, size, covariance):
     """Fill the likeliest size b (3,) of hypothesis h and its covariance J^-1 (3, 3); returns l, or 0 where there is nothing to tell."""
     b = hypothesis(h)
-    J = s[b + L.H_J : b + L.H_J + 9].reshape((3, 3))
+    J = block(s, b + L.H_J, 3, 3)
     if not math.isfinite(s[b]) or not invert(J, covariance) > 0.0:
         return 0.0
     ratio = 0.0

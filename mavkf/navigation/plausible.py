@@ -2,7 +2,7 @@
 
 import math
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.samples import (
     ACCEL_RESOLUTION,
     FIELD,
@@ -32,7 +32,7 @@ IMU_KIND, GNSS_KIND, MAGNETOMETER_KIND, BAROMETER_KIND, HEARTBEAT_KIND = (
 )
 
 
-@compiled
+@kernel
 def plausible(e):
     """Whether the values of an event can be measurements at all: finite, and within what sensors can show. NaN stands for not known."""
     kind = int(e[KIND])

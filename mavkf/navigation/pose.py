@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, Q, V, offset
 from mavkf.navigation import layout as L
@@ -12,13 +12,14 @@ from mavkf.navigation.codes import Flag, ModeCode, NoteCode
 from mavkf.navigation.disturbances import is_on
 from mavkf.navigation.protection import protection_levels
 from mavkf.navigation.receivers import book_of
+from mavkf.stack import matrix
 
 POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
 TILT_LIMIT, YAW_LIMIT = math.radians(10.0), math.radians(20.0)
 RECENT = 2.0  # s: sensors heard within it are there
 
 
-@compiled
+@kernel
 def mode_of(s):
     """The mode (value of a ModeCode) of a state."""
     if s[L.POSITION_KNOWN] != 0.0:
@@ -28,7 +29,7 @@ def mode_of(s):
     return ModeCode.ALIGNING.value if math.isfinite(s[L.T_IMU]) else ModeCode.WAITING.value
 
 
-@compiled
+@kernel
 def flags_of(s):
     """The flags of a state, as bits."""
     flags = 0
@@ -53,7 +54,7 @@ def flags_of(s):
     return flags
 
 
-@compiled
+@kernel
 def valid_of(s):
     """Which parts may be used, as bits: known, and sure enough.
 
@@ -75,13 +76,16 @@ def valid_of(s):
     return valid
 
 
-@compiled
+@kernel
 def sigma_euler(P, q, euler, out):
     """One sigma of roll, pitch, yaw (rad) from the covariance of dtheta_n: rows of d(euler)/d(dtheta), ZYX."""
     cy, sy = math.cos(euler[2]), math.sin(euler[2])
     cp = max(abs(math.cos(euler[1])), 1e-6)
     tp = math.sin(euler[1]) / cp
-    rows = np.array([[cy / cp, sy / cp, 0.0], [-sy, cy, 0.0], [cy * tp, sy * tp, 1.0]])
+    rows = matrix(3, 3)
+    rows[0, 0], rows[0, 1], rows[0, 2] = cy / cp, sy / cp, 0.0
+    rows[1, 0], rows[1, 1], rows[1, 2] = -sy, cy, 0.0
+    rows[2, 0], rows[2, 1], rows[2, 2] = cy * tp, sy * tp, 1.0
     for a in range(3):
         total = 0.0
         for i in range(3):
@@ -90,7 +94,7 @@ def sigma_euler(P, q, euler, out):
         out[a] = math.sqrt(max(total, 0.0))
 
 
-@compiled
+@kernel
 def pose_row(s, c, row):
     """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""
     valid = valid_of(s)
@@ -111,7 +115,7 @@ def pose_row(s, c, row):
             row[L.R_RATE + i] = s[L.RATE + i]
 
 
-@compiled
+@kernel
 def show(x, P, valid, row):
     """Fill what is known (bits `valid`) of a nominal state x and its covariance P (n, n) into a pose row that has its origin.
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import constant_velocity, strapdown
 from mavkf.models.earth import gravity
 from mavkf.models.gnss import ANTENNA, DANTENNA, STATES_MOST
@@ -38,12 +38,13 @@ from mavkf.navigation.sources import begin_sources
 from mavkf.navigation.tape import attend, is_detailed, is_recording, record_noise, record_transition
 from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
+from mavkf.stack import copy, matrix, vector, zero_matrix, zero_vector
 
 REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 
 
-@compiled
+@kernel
 def begin(s, c):
     """Fill the state with the start of a session."""
     s[:] = 0.0
@@ -105,24 +106,34 @@ def begin(s, c):
     begin_class(s, c)
 
 
-@compiled
-def add_noise(s, c, gyro, accel, dt):
-    """Add the noise of dt to the diagonal: densities `gyro` (rad^2/s) and `accel` (m^2/s^3), and the walks of the biases."""
-    P = L.covariance(s)
+@kernel
+def added_noise(s, c, gyro, accel, dt, q):
+    """Fill q (n,) with the variances that dt adds: of densities `gyro` (rad^2/s) and `accel` (m^2/s^3), and of the walks of the biases."""
+    q[:] = 0.0
     for i in range(3):
-        P[THETA + i, THETA + i] += gyro * dt
-        P[VEL + i, VEL + i] += accel * dt
-        P[DBG + i, DBG + i] += c[Parameter.GYRO_WALK] ** 2 * s[L.SCALE_WALK] * dt
-        P[DBA + i, DBA + i] += c[Parameter.ACCEL_WALK] ** 2 * dt
-    P[DBARO, DBARO] += c[Parameter.BARO_WALK] ** 2 * dt
-    P[DDELAY, DDELAY] += c[Parameter.DELAY_WALK] ** 2 * dt
+        q[THETA + i] = gyro * dt
+        q[VEL + i] = accel * dt
+        q[DBG + i] = c[Parameter.GYRO_WALK] ** 2 * s[L.SCALE_WALK] * dt
+        q[DBA + i] = c[Parameter.ACCEL_WALK] ** 2 * dt
+    q[DBARO] = c[Parameter.BARO_WALK] ** 2 * dt
+    q[DDELAY] = c[Parameter.DELAY_WALK] ** 2 * dt
 
 
-@compiled
+@kernel
+def add_noise(s, c, gyro, accel, dt):
+    """Add the variances of `added_noise` to the diagonal."""
+    P = L.covariance(s)
+    q = vector(P.shape[0])
+    added_noise(s, c, gyro, accel, dt, q)
+    for i in range(P.shape[0]):
+        P[i, i] += q[i]
+
+
+@kernel
 def propagate_covariance(P, Phi):
     """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity."""
     n = P.shape[0]
-    A = np.zeros((9, n))
+    A = zero_matrix(9, n)
     for i in range(9):
         for k in range(TOP):
             p = Phi[i, k]
@@ -142,7 +153,7 @@ def propagate_covariance(P, Phi):
             P[j, i] = total
 
 
-@compiled
+@kernel
 def decay_colour(s, c, dt):
     """The coloured GNSS error falls off, and is renewed: e <- phi e, variance phi^2 P + (1 - phi^2) sigma^2 with phi = exp(-dt / tau)."""
     P = L.covariance(s)
@@ -158,52 +169,52 @@ def decay_colour(s, c, dt):
         P[DGNSS + i, DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
 
 
-@compiled
+@kernel
 def record_added(s, c, gyro, accel, dt, decaying, out):
     """Record what `add_noise` adds to the diagonal in dt, and `decay_colour` in the time `decaying` (s, 0: none)."""
-    blank = s.copy()
-    P = L.covariance(blank)
-    P[:, :] = 0.0
-    add_noise(blank, c, gyro, accel, dt)
-    if decaying > 0.0:
-        decay_colour(blank, c, decaying)
-    record_noise(out, P.shape[0], np.diag(P).copy())
+    q = vector(int(s[L.STATES]))
+    added_noise(s, c, gyro, accel, dt, q)
+    for i in range(3):
+        phi = math.exp(-decaying / s[L.COLOUR_TIME + i // 2])
+        q[DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
+    record_noise(out, q.shape[0], q)
 
 
-@compiled
-def at_rest(x, imu):
-    """A sample (6,) with the gyro as it would be if the body stood still on the earth: the earth's rate and the bias."""
-    C = np.empty((3, 3))
-    frame = np.empty(6)
-    still = imu.copy()
+@kernel
+def at_rest(x, imu, still):
+    """Fill `still` with a sample (6,) whose gyro is as if the body stood still on the earth: the earth's rate and the bias."""
+    C = matrix(3, 3)
+    frame = vector(6)
+    copy(still, imu)
     rotation_matrix(x[Q : Q + 4], C)
     strapdown.rates_of_frame(x, frame)
     for i in range(3):
         still[i] = x[BG + i]
         for j in range(3):
             still[i] += C[j, i] * frame[j]
-    return still
 
 
-@compiled
+@kernel
 def roaming(c):
     """Density (m^2/s^3) of what a vehicle does unseen: white acceleration with the power of one that lasts its time, 2 sigma^2 tau."""
     return 2.0 * c[Parameter.ACCELERATION] ** 2 * c[Parameter.ACCELERATION_TIME]
 
 
-@compiled
+@kernel
 def step(s, c, imu0, imu1, dt, gyro, accel, out):
     """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
     x = s[L.X : L.P]
     P = L.covariance(s)
-    Phi = np.empty((9, TOP))
-    average = np.empty(21)
+    Phi = matrix(9, TOP)
+    average = vector(21)
     recording = is_recording(out)
     if recording:
         attend(s, out)
+    still0, still1 = vector(6), vector(6)
     if s[L.RESTING] != 0.0:
-        imu0 = at_rest(x, imu0)
-        imu1 = at_rest(x, imu1)
+        at_rest(x, imu0, still0)
+        at_rest(x, imu1, still1)
+        imu0, imu1 = still0, still1
         gyro = REST_DRIFT**2
     if s[L.MODEL] == L.STRAPDOWN:
         strapdown.propagate(x, imu0, imu1, dt, average)
@@ -233,7 +244,7 @@ def step(s, c, imu0, imu1, dt, gyro, accel, out):
             record_added(s, c, gyro, accel, 0.5 * dt, dt, out)
 
 
-@compiled
+@kernel
 def coast(s, c, t, out):
     """Advance to time t without an IMU: the velocity is kept, what the vehicle may do meanwhile is noise."""
     dt = t - s[L.T]
@@ -244,8 +255,8 @@ def coast(s, c, t, out):
     s[L.BANK_UPDATES] = 0.0  # the guesses have missed a motion
     s[L.RESTING] = 0.0  # nor has anybody seen that it still stands
     s[L.REST_SINCE] = np.nan
-    still = np.zeros(6)
-    still[0:3] = s[BG : BG + 3]
+    still = zero_vector(6)
+    copy(still[0:3], s[BG : BG + 3])
     steps = min(100, int(dt) + 1)
     for _ in range(steps):
         step(s, c, still, still, dt / steps, COAST_RATE**2, 0.0, out)
@@ -254,14 +265,14 @@ def coast(s, c, t, out):
     s[L.RATE : L.RATE + 3] = np.nan
 
 
-@compiled
+@kernel
 def set_acceleration(s, imu):
     """Keep the acceleration in n (m/s^2) that a sample (6,) at the state's time shows; it is what makes a delay visible."""
     if s[L.MODEL] == L.CONSTANT_VELOCITY:
         for i in range(3):
             s[L.ACCELERATION + i] = 0.0
         return
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(s[Q : Q + 4], C)
     for i in range(3):
         s[L.ACCELERATION + i] = gravity(s[LATITUDE], s[HEIGHT]) if i == 2 else 0.0

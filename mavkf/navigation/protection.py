@@ -12,32 +12,31 @@ undecided is wider than that already.)
 
 import math
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.strapdown import POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.monitors import effect, hypothesis, regress
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import book_of
+from mavkf.stack import matrix, vector
 
 CLAIM = 1.5  # the pooled error over sigma of simulated flights is 1.1, that of single ones goes to 1.5
 UNDETECTED = 0.1
 
 
-@compiled
+@kernel
 def factor(risk):
     """The distance, in sigmas, that two normal components together exceed with this probability: Rayleigh's distribution."""
     return math.sqrt(-2.0 * math.log(risk))
 
 
-@compiled
+@kernel
 def largest_sigma(a, b, d):
     """Square root of the larger eigenvalue of [[a, b], [b, d]]."""
     return math.sqrt(max(0.5 * (a + d) + math.sqrt(0.25 * (a - d) * (a - d) + b * b), 0.0))
 
 
-@compiled
+@kernel
 def protection_levels(s, c):
     """The bounds on the horizontal and on the vertical error of the position, m."""
     P = L.covariance(s)
@@ -46,8 +45,8 @@ def protection_levels(s, c):
     horizontal = k_0 * largest_sigma(P[POS, POS], P[POS, POS + 1], P[POS + 1, POS + 1])
     vertical = k_0 * math.sqrt(P[POS + 2, POS + 2])
     if s[L.MONITORED] != 0.0:
-        size, C = np.empty(3), np.empty((3, 3))
-        shift, M = np.empty(3), np.empty((3, 3))
+        size, C = vector(3), matrix(3, 3)
+        shift, M = vector(3), matrix(3, 3)
         for h in range(L.HYPOTHESES):
             if not math.isfinite(s[hypothesis(h)]):
                 continue

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.strapdown import DDELAY, DGNSS, GNSS, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.antenna import unknown_lever
@@ -36,13 +36,13 @@ LONGEST_WAY = 3.0  # s between two fixes, of which the way is taken for a veloci
 REDRAW = 1e9  # m: more than any lever arm, so that the coloured error is begun anew
 
 
-@compiled
+@kernel
 def book_of(source):
     """Where the book of a receiver begins, by its source."""
     return L.BOOKS + (int(source) - FIRST_SOURCE) * L.BOOK
 
 
-@compiled
+@kernel
 def begin_books(s, c):
     """The books of receivers that have not been heard yet."""
     s[L.MAIN] = c[Parameter.GNSS_SOURCE]
@@ -54,14 +54,14 @@ def begin_books(s, c):
             s[b + i] = 1.0
 
 
-@compiled
+@kernel
 def claimed(e, column, default):
     """One sigma of a fix as the receiver claims it in a column of the row, or the default."""
     sigma = e[column]
     return sigma if sigma > 0.0 else default
 
 
-@compiled
+@kernel
 def way_since(s, e, b, v):
     """Fill v (3,) with the mean velocity (m/s in n) since the receiver's last fix, of which its book b tells.
 
@@ -77,7 +77,7 @@ def way_since(s, e, b, v):
     return dt
 
 
-@compiled
+@kernel
 def coloured_sigma(e, c, vertical):
     """The least sigma (m) of the coloured error, by the claim of a fix: it cannot be seen in the innovations."""
     if vertical:
@@ -85,7 +85,7 @@ def coloured_sigma(e, c, vertical):
     return c[Parameter.COLOUR] * claimed(e, SIGMA_HORIZONTAL, c[Parameter.GNSS_HORIZONTAL])
 
 
-@compiled
+@kernel
 def white_variance(s, e, c, b, vertical):
     """Variance (m^2) of the white part of a fix: what is claimed, scaled by what was learnt, not below the floor. b: its book."""
     if vertical:
@@ -95,7 +95,7 @@ def white_variance(s, e, c, b, vertical):
     return max(sigma * sigma * s[b + L.F_SCALE_POSITION], c[Parameter.GNSS_FLOOR] ** 2)
 
 
-@compiled
+@kernel
 def set_colour(s, e, c):
     """Let the sigma of the main receiver's coloured error be at least what its fix allows."""
     lever = unknown_lever(s, c)
@@ -112,7 +112,7 @@ def set_colour(s, e, c):
     s[L.UNKNOWN_LEVER] = lever
 
 
-@compiled
+@kernel
 def lasting(dt, tau):
     """How many times its variance an error of time constant tau (s) must be given where it is taken as white every dt (s).
 
@@ -125,7 +125,7 @@ def lasting(dt, tau):
     return 1.0 / math.tanh(0.5 * max(dt, 1e-3) / tau)
 
 
-@compiled
+@kernel
 def same_fix(s, e):
     """Whether a fix is the main receiver's last one, told by another message."""
     k = book_of(s[L.MAIN]) + L.F_FIX
@@ -134,7 +134,7 @@ def same_fix(s, e):
     return place and (untold or (e[VELOCITY_N] == s[k + 3] and e[VELOCITY_E] == s[k + 4]))
 
 
-@compiled
+@kernel
 def become_main(s, c, out, source, since):
     """Let a receiver be the main one from now on; its coloured error begins with its next fix."""
     note(out, NoteCode.RECEIVER_CHANGED, since, s[L.T], s[L.T] - since, s[L.MAIN], source)
@@ -151,7 +151,7 @@ def become_main(s, c, out, source, since):
     P[DDELAY, DDELAY] += c[Parameter.DELAY] ** 2
 
 
-@compiled
+@kernel
 def is_main(s, e, c, out):
     """Whether a 3D fix is the main receiver's; if that one has had none for a while, this one's becomes it."""
     if e[SOURCE] == s[L.MAIN]:
@@ -166,7 +166,7 @@ def is_main(s, e, c, out):
     return True
 
 
-@compiled
+@kernel
 def other_in_agreement(s):
     """The source of a receiver that is not the main one and whose positions are being fused; -1: there is none."""
     for k in range(L.RECEIVERS):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import gnss
 from mavkf.models.strapdown import DGNSS, GNSS, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, V, move, offset
 from mavkf.navigation import layout as L
@@ -26,6 +26,7 @@ from mavkf.samples import FIX as FIX_TYPE
 from mavkf.samples import HEIGHT_AMSL, SIGMA_HORIZONTAL, VELOCITY_D, VELOCITY_E, VELOCITY_N
 from mavkf.samples import LATITUDE as FIX_LATITUDE
 from mavkf.samples import LONGITUDE as FIX_LONGITUDE
+from mavkf.stack import matrix, vector, zero_vector
 
 FIXES_TO_START = 3
 UNKNOWN_SPEED = 30.0  # m/s: of a vehicle whose receiver tells no velocity
@@ -33,7 +34,7 @@ PATIENCE_WITH_ITSELF = 2.0  # s of fixes refused with their velocities, after wh
 TILT_AFTER_SHOCK = 0.1  # rad: one sigma that such a filter's attitude is off besides
 
 
-@compiled
+@kernel
 def speed_of_way(s, e, c, b, v):
     """Fill v (3,) with the mean velocity since the receiver's last fix, of which its book b tells; returns one sigma (m/s) of an axis."""
     dt = way_since(s, e, b, v)
@@ -44,15 +45,15 @@ def speed_of_way(s, e, c, b, v):
     return math.sqrt(2.0 * white_variance(s, e, c, b, False) / (dt * dt) + lag * lag)
 
 
-@compiled
+@kernel
 def set_position(s, c, e, b):
     """Take position and, where it is given, velocity from a fix, with its covariance: p = fix - l - e - white. b: the receiver's book."""
     x = s[L.X : L.P]
     P = L.covariance(s)
-    C = np.empty((3, 3))
-    w = np.empty(3)
-    place = np.empty(3)
-    speed = np.empty(3)
+    C = matrix(3, 3)
+    w = vector(3)
+    place = vector(3)
+    speed = vector(3)
     mounting(s, C, w)
     for i in range(3):
         place[i], speed[i] = gnss.lever(x, C, w, i)
@@ -70,7 +71,7 @@ def set_position(s, c, e, b):
         x[GNSS + i] = 0.0
     carry_lever(s, C, w)
     known = math.isfinite(e[VELOCITY_N]) and math.isfinite(e[VELOCITY_E])
-    way = np.zeros(3)
+    way = zero_vector(3)
     # one second of the vehicle's usual acceleration covers a course that lags
     sigma = 1.0 if known else speed_of_way(s, e, c, b, way)
     x[V] = e[VELOCITY_N] - speed[0] if known else way[0]
@@ -86,10 +87,10 @@ def set_position(s, c, e, b):
     s[b + L.F_REFUSED_COUNT] = 0.0
 
 
-@compiled
+@kernel
 def agrees(latitude, longitude, height, vn, ve, dt, e, c):
     """Whether a fix lies where an earlier one and the velocity between them say, within what receivers do."""
-    d = np.empty(3)
+    d = vector(3)
     offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], latitude, longitude, height, d)
     mean_n = 0.5 * (vn + e[VELOCITY_N]) if math.isfinite(e[VELOCITY_N]) else 0.0
     mean_e = 0.5 * (ve + e[VELOCITY_E]) if math.isfinite(e[VELOCITY_E]) else 0.0
@@ -100,7 +101,7 @@ def agrees(latitude, longitude, height, vn, ve, dt, e, c):
     return math.hypot(d[0] - mean_n * dt, d[1] - mean_e * dt) <= tolerance and abs(d[2]) <= 3.0 * tolerance + 10.0 * dt
 
 
-@compiled
+@kernel
 def start_position(s, e, c, out, b):
     """Count fixes that agree with each other; with enough of them position and velocity begin. Returns whether they did."""
     dt = s[L.T] - s[b + L.F_T_BEFORE]
@@ -125,7 +126,7 @@ def start_position(s, e, c, out, b):
     return True
 
 
-@compiled
+@kernel
 def doubt_attitude(s):
     """What threw the velocity off has thrown the attitude off too."""
     P = L.covariance(s)
@@ -133,7 +134,7 @@ def doubt_attitude(s):
         P[THETA + i, THETA + i] += TILT_AFTER_SHOCK**2
 
 
-@compiled
+@kernel
 def acquit_position(s, e, c, out, b):
     """If the main receiver's positions are suspected, believe them again at this fix: something else was found to be wrong. b: its book."""
     if math.isfinite(s[L.SUSPECT_POSITION]):
@@ -142,7 +143,7 @@ def acquit_position(s, e, c, out, b):
         s[L.DOUBT] = 0.0
 
 
-@compiled
+@kernel
 def refuse_or_reset(s, e, c, out, b, size):
     """Keep account of refused positions; when they have agreed with each other for long enough, take the state to them.
 
@@ -181,10 +182,10 @@ def refuse_or_reset(s, e, c, out, b, size):
         reset_position(s, e, c, out, b, wrong)
 
 
-@compiled
+@kernel
 def reset_position(s, e, c, out, b, wrong):
     """Take the state to a fix, and tell it; wrong: whether the filter lost its velocity too. b: the receiver's book."""
-    d = np.empty(3)
+    d = vector(3)
     offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], s[LATITUDE], s[LONGITUDE], s[HEIGHT], d)
     size = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     note(out, NoteCode.POSITION_RESET, s[b + L.F_REFUSED_SINCE], s[L.T], size, s[b + L.F_REFUSED_COUNT], d[2])

@@ -1,8 +1,6 @@
 """The telemetry model in the fold: rate and force as states, hand-over from and to the model that integrates the IMU."""
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import telemetry
 from mavkf.models.strapdown import BA, BG, DBG, N
 from mavkf.models.telemetry import DOMEGA, FORCE, OMEGA
@@ -14,19 +12,20 @@ from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import add_noise, decay_colour, record_added, set_acceleration
 from mavkf.navigation.tape import attend, is_detailed, is_recording, record_link, record_noise, record_transition
 from mavkf.samples import GYRO_RESOLUTION
+from mavkf.stack import copy, flat, matrix, vector, zero_matrix, zero_vector
 
 RATE_TIME, FORCE_TIME = 10.0, 10.0  # s: how long a rate and an acceleration last of themselves
 BANDWIDTH = 40.0  # Hz: twice the low-pass of an autopilot's IMU, by which a noise density becomes a sample's variance
 LEAST_DRIVE = 0.05  # of the learnt density that drives rate and force, against what the samples show
 
 
-@compiled
+@kernel
 def white_part(square, product):
     """Variance of the white part of a sampled signal: minus the mean product of successive differences, at most half their square."""
     return min(max(-product, 0.0), 0.5 * square)
 
 
-@compiled
+@kernel
 def sample_variance(s, e, c, k):
     """Variance of an axis of a sample, as a measurement of what lasts: white part, density, counts; k: 0 gyro, 1 accelerometer."""
     resolution = e[GYRO_RESOLUTION + k]
@@ -34,7 +33,7 @@ def sample_variance(s, e, c, k):
     return white + c[Parameter.GYRO + k] ** 2 * BANDWIDTH + resolution * resolution / 12.0
 
 
-@compiled
+@kernel
 def enter(s, e, c):
     """Begin rate and force from the last sample: omega = z - bg, so that its error is minus the bias's and the sample's noise."""
     if s[L.STATES] < N + 6:
@@ -58,7 +57,7 @@ def enter(s, e, c):
             P[error + i, error + i] += sample_variance(s, e, c, k)
 
 
-@compiled
+@kernel
 def begin_telemetry(s, e, c, out):
     """Enter in the half that is recorded."""
     if is_recording(out):
@@ -69,13 +68,15 @@ def begin_telemetry(s, e, c, out):
             record_link(s, out, DOMEGA + i, DBG + i, -1.0)
 
 
-@compiled
+@kernel
 def leave(s):
     """Let rate and force go: what is left is the marginal of the others."""
     if s[L.STATES] > N + 6:
         forget(s, DOMEGA, 6, 0.0)
         return
-    old = L.covariance(s).copy()
+    n = int(s[L.STATES])
+    old = matrix(n, n)
+    copy(old, L.covariance(s))
     s[L.STATES] = N
     P = L.covariance(s)
     for i in range(N):
@@ -83,7 +84,7 @@ def leave(s):
             P[i, j] = old[i, j]
 
 
-@compiled
+@kernel
 def advance(s, c, t, out):
     """Bring the state to time t by the telemetry model."""
     dt = t - s[L.T]
@@ -94,10 +95,11 @@ def advance(s, c, t, out):
         attend(s, out)
     x = s[L.X : L.P]
     P = L.covariance(s)
-    tau = np.array([RATE_TIME, FORCE_TIME])
-    Qc = np.zeros(telemetry.M)
-    Phi = np.empty((telemetry.M, telemetry.M))
-    Qd = np.empty((telemetry.M, telemetry.M))
+    tau = vector(2)
+    tau[0], tau[1] = RATE_TIME, FORCE_TIME
+    Qc = zero_vector(telemetry.M)
+    Phi = matrix(telemetry.M, telemetry.M)
+    Qd = matrix(telemetry.M, telemetry.M)
     period = max(s[L.PERIOD], 1e-3)
     for k in range(2):
         square = max(s[L.DIFFERENCE_GYRO + k], s[L.SQUARE_GYRO + k])
@@ -116,9 +118,9 @@ def advance(s, c, t, out):
     if recording:
         record_transition(s, out, Phi, dt)
         if is_detailed(out):
-            record_noise(out, int(s[L.STATES]), Qd.ravel())
+            record_noise(out, int(s[L.STATES]), flat(Qd))
             record_added(s, c, 0.0, 0.0, dt, dt, out)
-    imu = np.empty(6)
+    imu = vector(6)
     for i in range(3):
         s[L.RATE + i] = s[OMEGA + i]
         imu[i] = s[OMEGA + i] + s[BG + i]
@@ -126,15 +128,15 @@ def advance(s, c, t, out):
     set_acceleration(s, imu)
 
 
-@compiled
+@kernel
 def use_sample(s, e, c, out):
     """Fuse the IMU sample at the state's time as two vectors; one that surprises is believed less, not refused."""
     n = int(s[L.STATES])
     P = L.covariance(s)
-    z_hat = np.empty(3)
-    r = np.empty(3)
-    H = np.empty((3, n))
-    R = np.zeros((3, 3))
+    z_hat = vector(3)
+    r = vector(3)
+    H = matrix(3, n)
+    R = zero_matrix(3, 3)
     for k in range(2):
         error, bias = DOMEGA + 3 * k, DBG + 3 * k
         telemetry.predict_sample(s[L.X : L.P], k, z_hat)

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.strapdown import BA, BG, DBA, DBG
 from mavkf.navigation import layout as L
@@ -22,7 +22,7 @@ CONFIRMATIONS = 3.0  # samples of another in a row; of an IMU, that show a plaus
 LEAST_FORCE, MOST_FORCE = 0.4, 2.5  # times gravity
 
 
-@compiled
+@kernel
 def begin_sources(s, c):
     """What is in use when a session begins."""
     s[L.IMU_SOURCE] = c[Parameter.IMU_SOURCE]
@@ -34,7 +34,7 @@ def begin_sources(s, c):
         s[slot] = -1.0
 
 
-@compiled
+@kernel
 def in_use(s, e, source, last, standby):
     """Whether a field or pressure is of the sensor in use. source, last: where that is kept, and when it was heard last.
 
@@ -56,7 +56,7 @@ def in_use(s, e, source, last, standby):
     return True
 
 
-@compiled
+@kernel
 def changed(s, e, out, code, used, since):
     """Whether the sensor in use is another one than the last time (which is told); `used`: where its source is kept."""
     before = s[used]
@@ -67,7 +67,7 @@ def changed(s, e, out, code, used, since):
     return True
 
 
-@compiled
+@kernel
 def imu_in_use(s, e, c, out):
     """Whether a sample is of the IMU in use; one that has been silent for as long as a gap gives way to one that shows a plausible force.
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.filters.joseph import innovation_covariance, invert, quadratic, row_variance
 from mavkf.models.strapdown import POS, VEL, V
 from mavkf.navigation import layout as L
@@ -19,6 +19,7 @@ from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import TIME, VELOCITY_E, VELOCITY_N
+from mavkf.stack import matrix
 
 AGREES = 1.5  # NIS per degree of freedom
 AGREE_TIME = 1.0  # s of fixes that agree
@@ -33,18 +34,18 @@ UNTOLD = 1e3  # m: one sigma of a height that is not believed
 DOUBT_TIME = 300.0  # s in which a doubt fades
 
 
-@compiled
+@kernel
 def surprise(P, H, R, r):
     """NIS of an innovation r (m,); infinite where S is not positive definite. P: (n, n), H: (m, n), R: (m, m)."""
     m = r.shape[0]
-    PHt = np.empty((P.shape[0], m))
-    S = np.empty((m, m))
-    inverse = np.empty((m, m))
+    PHt = matrix(P.shape[0], m)
+    S = matrix(m, m)
+    inverse = matrix(m, m)
     innovation_covariance(P, H, R, PHt, S)
     return quadratic(inverse, r) if invert(S, inverse) > 0.0 else np.inf
 
 
-@compiled
+@kernel
 def weigh_surprise(P, H, R, r, limit):
     """Raise R (3, 3) of a fix without velocity that lies a little beyond the gate, so that it is fused with less weight, not refused.
 
@@ -52,9 +53,9 @@ def weigh_surprise(P, H, R, r, limit):
     refused one fix is further off at the next. S times NIS / limit has just the limit (Huber, "Robust Estimation of a Location
     Parameter", Annals of Mathematical Statistics 35(1), 1964); what lies beyond MOST_SURPRISE is the fix's doing.
     """
-    PHt = np.empty((P.shape[0], 3))
-    S = np.empty((3, 3))
-    inverse = np.empty((3, 3))
+    PHt = matrix(P.shape[0], 3)
+    S = matrix(3, 3)
+    inverse = matrix(3, 3)
     innovation_covariance(P, H, R, PHt, S)
     if not invert(S, inverse) > 0.0:
         return
@@ -65,7 +66,7 @@ def weigh_surprise(P, H, R, r, limit):
                 R[i, j] += (1.0001 * nis / limit - 1.0) * S[i, j]
 
 
-@compiled
+@kernel
 def agreement(s, since, nis, m):
     """Whether what is suspected has agreed with the state for long enough, given the NIS of m degrees of freedom of its newest.
 
@@ -79,7 +80,7 @@ def agreement(s, since, nis, m):
     return s[L.T] - s[since] >= AGREE_TIME
 
 
-@compiled
+@kernel
 def weigh_height(s, c, out, P, H, R, r):
     """Let a fix whose height is suspected tell the horizontal position alone (R (3, 3) raised), until its height agrees again."""
     if not math.isfinite(s[L.SUSPECT_HEIGHT]):
@@ -99,7 +100,7 @@ def weigh_height(s, c, out, P, H, R, r):
         R[2, 2] += UNTOLD**2 + r[2] * r[2]
 
 
-@compiled
+@kernel
 def absolve_position(s, out):
     """Believe the main receiver's positions again."""
     s[L.SUSPECT_POSITION] = np.nan
@@ -108,7 +109,7 @@ def absolve_position(s, out):
     stop_monitors(s)
 
 
-@compiled
+@kernel
 def absolve_velocity(s, out):
     """Believe the main receiver's velocities again."""
     s[L.SUSPECT_VELOCITY] = np.nan
@@ -117,20 +118,20 @@ def absolve_velocity(s, out):
     stop_monitors(s)
 
 
-@compiled
+@kernel
 def out_of_patience(s, c, since):
     """Whether something has been suspected for too long (since: s, NaN: it is not)."""
     return s[L.T] - since > c[Parameter.SUSPICION]
 
 
-@compiled
+@kernel
 def speed_beyond_doubt(s):
     """Horizontal speed (m/s) less three sigma of it."""
     P = L.covariance(s)
     return math.hypot(s[V], s[V + 1]) - 3.0 * math.sqrt(P[VEL, VEL] + P[VEL + 1, VEL + 1])
 
 
-@compiled
+@kernel
 def is_frozen(s, e, b, out):
     """Whether a fix only repeats the one before while the vehicle moves: no news, and after a while a fault. b: the receiver's book."""
     if s[b + L.F_REPEATS] == 0.0:
@@ -147,7 +148,7 @@ def is_frozen(s, e, b, out):
     return True
 
 
-@compiled
+@kernel
 def follow_scatter(s, out, b, size):
     """After a position of the main receiver was judged: jamming shows in positions that scatter more than claimed. b: its book.
 
@@ -160,7 +161,7 @@ def follow_scatter(s, out, b, size):
         end_fault(s, out, NoteCode.GNSS_JAMMED)
 
 
-@compiled
+@kernel
 def fade_doubt(s, dt):
     """Let a doubt about the position fade over dt (s)."""
     s[L.DOUBT] *= math.exp(-dt / DOUBT_TIME)

@@ -20,12 +20,11 @@ content, then the number of error states, the length of the content and its kind
 
 import math
 
-import numpy as np
-
-from mavkf.compiled import FLOAT, INTEGER, MATRIX, NOTHING, VECTOR, compiled, compiled_apart
+from mavkf.compiled import FLOAT, INTEGER, MATRIX, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models.strapdown import BG, DBG, THETA, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import OUT
+from mavkf.stack import block, copy, matrix, zero_vector
 
 TRANSITION, CORRECTION, LINK, BREAK, POSE, NOISE, SNAPSHOT, PROBE = range(8)
 LENGTH, STATES, X = 0, 1, 2
@@ -55,19 +54,19 @@ P_P = P_X + L.X_SIZE
 TURNED = 0.2  # rad: a correction of the attitude beyond which its two sides have not the same linear model
 
 
-@compiled
+@kernel
 def is_recording(out):
     """Whether what is done to the state is recorded."""
     return out[5].shape[0] > 0 and out[2][2] == 0
 
 
-@compiled
+@kernel
 def is_detailed(out):
     """Whether what is recorded is recorded in detail."""
     return is_recording(out) and out[5][MODE] == DETAILED
 
 
-@compiled
+@kernel
 def keep(s, tape):
     """Keep estimate and covariance as they are now."""
     n = int(s[L.STATES])
@@ -78,14 +77,14 @@ def keep(s, tape):
         tape[P + i] = s[L.P + i]
 
 
-@compiled
+@kernel
 def rewind(s, tape):
     """Begin a tape at a state."""
     tape[LENGTH] = BEGIN
     keep(s, tape)
 
 
-@compiled
+@kernel
 def close(tape, k, n, kind):
     """End an entry whose content ends before place k."""
     tape[k] = n
@@ -94,7 +93,7 @@ def close(tape, k, n, kind):
     tape[LENGTH] = k + TAIL
 
 
-@compiled
+@kernel
 def differs(s, tape, n):
     """Whether estimate or covariance are not what was kept, of the same number n of error states."""
     count = 0
@@ -105,7 +104,7 @@ def differs(s, tape, n):
     return count > 0
 
 
-@compiled
+@kernel
 def error_of(i):
     """The error state that belongs to number i of the nominal state."""
     if i < V:
@@ -122,28 +121,28 @@ def attend(s, out):
         return
     both = min(n, before)
     Pn = L.covariance(s)
-    Pb = tape[P : P + before * before].reshape((before, before))
-    moved = np.zeros(L.STATES_MOST, dtype=np.bool_)
+    Pb = block(tape, P, before, before)
+    moved = zero_vector(L.STATES_MOST)
     for i in range(L.X_SIZE):
         if s[L.X + i] != tape[X + i]:
-            moved[error_of(i)] = True
-    cut = np.zeros(L.STATES_MOST, dtype=np.bool_)
+            moved[error_of(i)] = 1.0
+    cut = zero_vector(L.STATES_MOST)
     for i in range(n):
-        changed, alone = moved[i] or i >= both, True
+        changed, alone = moved[i] != 0.0 or i >= both, True
         for j in range(n):
             if j == i:
                 changed = changed or (i < both and Pn[i, i] < Pb[i, i])
             else:
                 alone = alone and Pn[i, j] == 0.0
                 changed = changed or (i < both and j < both and Pn[i, j] != Pb[i, j])
-        cut[i] = changed and alone
+        cut[i] = 1.0 if changed and alone else 0.0
     broken = False
     for i in range(n):
-        if cut[i]:
+        if cut[i] != 0.0:
             continue
-        broken = broken or moved[i] or i >= both or Pn[i, i] < Pb[i, i]
+        broken = broken or moved[i] != 0.0 or i >= both or Pn[i, i] < Pb[i, i]
         for j in range(both):
-            broken = broken or (i < both and j != i and not cut[j] and Pn[i, j] != Pb[i, j])
+            broken = broken or (i < both and j != i and cut[j] == 0.0 and Pn[i, j] != Pb[i, j])
     if broken:
         k = int(tape[LENGTH])
         if tape[MODE] == DETAILED:
@@ -152,18 +151,20 @@ def attend(s, out):
             k += n * n
         close(tape, k, n, BREAK)
     else:
-        q = np.zeros(n)
+        q = zero_vector(n)
+        noisy = False
         for i in range(n):
-            if cut[i]:
+            if cut[i] != 0.0:
                 write_link(tape, n, i, i, 0.0, Pn[i, i])
             else:
                 q[i] = Pn[i, i] - Pb[i, i]
-        if tape[MODE] == DETAILED and np.any(q > 0.0):
+                noisy = noisy or q[i] > 0.0
+        if tape[MODE] == DETAILED and noisy:
             record_noise(out, n, q)
     keep(s, tape)
 
 
-@compiled
+@kernel
 def write_link(tape, n, to, of, factor, variance):
     """Write that error state `to` has become factor times error state `of` and something independent of this variance."""
     k = int(tape[LENGTH])
@@ -171,7 +172,7 @@ def write_link(tape, n, to, of, factor, variance):
     close(tape, k + 4, n, LINK)
 
 
-@compiled
+@kernel
 def record_noise(out, n, q):
     """Record noise that was added: q (n,) to the diagonal, or all of a matrix (its numbers in a row) to the states that move."""
     tape = out[5]
@@ -210,10 +211,11 @@ def record_transition(s, out, Phi, dt):
         and tape[k - 3] == n
     ):
         k -= TAIL + size
-        before = tape[k + T_PHI : k + size].copy().reshape((a, b))
+        before = matrix(a, b)
+        copy(before, block(tape, k + T_PHI, a, b))
         for axis in range(2):
             tape[k + T_DECAY + axis] *= math.exp(-dt / s[L.COLOUR_TIME + axis])
-        after = tape[k + T_PHI : k + size].reshape((a, b))
+        after = block(tape, k + T_PHI, a, b)
         for i in range(a):
             for j in range(b):
                 after[i, j] = Phi[i, j] if j >= a else 0.0
@@ -276,7 +278,7 @@ def record_correction(s, out, r, H, inverse, K, PHt, dx, gain, R, sensor):
     keep(s, tape)
 
 
-@compiled
+@kernel
 def record_pose(s, out, row):
     """Record estimate and covariance, for row number `row` of the output."""
     attend(s, out)

@@ -1,11 +1,11 @@
 """What only a tape in detail has: the state as a measurement finds it, and what a measurement would be anywhere else."""
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.tape import LENGTH, PROBE, SNAPSHOT, attend, close
 
 
-@compiled
+@kernel
 def record_snapshot(s, e, out):
     """Record the state that a measurement finds, and its event."""
     attend(s, out)
@@ -18,7 +18,7 @@ def record_snapshot(s, e, out):
     close(tape, k + L.HALF + L.EVENT_WIDTH, int(s[L.STATES]), SNAPSHOT)
 
 
-@compiled
+@kernel
 def record_probe(out, sensor, r, H, R):
     """Record what would be fused: number m of components, value of the Sensor, r (m,), H (m, n), R (m, m)."""
     tape = out[5]

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import fold
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import GNSS_KIND, IMU_KIND
 from mavkf.navigation.pose import pose_row
 from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME
+from mavkf.stack import copy
 
 STRIDE = 16  # events between snapshots
 ROOM = 512  # rows that must be left in an output buffer before an event is taken
@@ -25,7 +26,7 @@ NEWEST_IMU, NEWEST, FORGOTTEN = (
 MARKS_SIZE = 3
 
 
-@compiled
+@kernel
 def precedes(a, b):
     """Whether event a comes before event b: by time measured, then kind, source and sequence number, whatever came in first."""
     if a[TIME] != b[TIME]:
@@ -42,32 +43,32 @@ def order(time: np.ndarray, kind: np.ndarray, source: np.ndarray, sequence: np.n
     return np.lexsort((sequence, source, kind, time))
 
 
-@compiled
+@kernel
 def is_lone_fix(e, newest_imu, c):
     """Whether an event is a fix while there is no IMU: then its arrival makes a pose."""
     return int(e[KIND]) == GNSS_KIND and not e[TIME] - newest_imu <= c[Parameter.GAP]
 
 
-@compiled
+@kernel
 def is_sample_in_use(s, e):
     """Whether an event that was folded is a sample of the IMU in use: its arrival makes a pose."""
     return int(e[KIND]) == IMU_KIND and e[SOURCE] == s[L.IMU_SOURCE]
 
 
-@compiled
+@kernel
 def slot_of(t, rate):
     """The number of the output interval that a time (s) falls into; rate in Hz, 0: every step has its own."""
     return math.floor(t * rate + 1e-6)
 
 
-@compiled
+@kernel
 def is_full(count, poses, out):
     """Whether what one event may write (a late one: records of all that is folded again) might not fit into the output buffers."""
     counts = out[2]
     return count >= poses.shape[0] or counts[0] + ROOM > out[0].shape[0] or counts[1] + ROOM > out[1].shape[0]
 
 
-@compiled
+@kernel
 def run_batch(s, events, first, slot, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.
 
@@ -92,19 +93,19 @@ def run_batch(s, events, first, slot, c, rate, poses, out):
     return i, count, slot
 
 
-@compiled
+@kernel
 def insert(events, n, e):
     """Put an event into the sorted first n rows; returns where. Equal ones keep their order of arrival."""
     i = n
     while i > 0 and precedes(e, events[i - 1]):
         i -= 1
     for k in range(n, i, -1):
-        events[k, :] = events[k - 1]
-    events[i, :] = e
+        copy(events[k], events[k - 1])
+    copy(events[i], e)
     return i
 
 
-@compiled
+@kernel
 def copy_state(a, b):
     """Copy state a to b (STATE_SIZE,); the second half only where it is in use, else it is zero as long as it has been used."""
     used = b[L.SECOND] != 0.0
@@ -118,13 +119,13 @@ def copy_state(a, b):
             b[i] = 0.0
 
 
-@compiled
+@kernel
 def forget_old(events, snapshots, cursor):
     """Drop the older half of a full history, in whole strides; returns the time of the last that was dropped."""
     drop = (cursor[EVENTS] // 2 // STRIDE) * STRIDE
     last = events[drop - 1, TIME]
     for k in range(cursor[EVENTS] - drop):
-        events[k, :] = events[k + drop]
+        copy(events[k], events[k + drop])
     moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
     for k in range(moved):
         copy_state(snapshots[k + drop // STRIDE], snapshots[k])
@@ -133,7 +134,7 @@ def forget_old(events, snapshots, cursor):
     return last
 
 
-@compiled
+@kernel
 def fold_to_end(s, events, snapshots, cursor, c, out):
     """Fold what has not been folded; keep a snapshot before every STRIDE-th event."""
     for k in range(cursor[FOLDED], cursor[EVENTS]):
@@ -143,7 +144,7 @@ def fold_to_end(s, events, snapshots, cursor, c, out):
     cursor[FOLDED] = cursor[EVENTS]
 
 
-@compiled
+@kernel
 def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out):
     """Take events in the order of arrival, from index `first` on; each goes to its place and what follows is folded again.
 

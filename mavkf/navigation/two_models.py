@@ -8,7 +8,7 @@ first half of the state array, where everybody looks; when the other becomes lik
 
 import math
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.fusing import note
@@ -22,13 +22,13 @@ MOST_ODDS = 50.0
 APART = 1.25  # times the rate below which both are run: above it the second is given up
 
 
-@compiled
+@kernel
 def prior_odds(s, c):
     """Logarithm of the odds of telemetry against strapdown by the rate alone."""
     return PRIOR * math.log(max(s[L.PERIOD], 1e-3) * c[Parameter.EVEN_HZ]) / math.log(2.0)
 
 
-@compiled
+@kernel
 def begin_second(s, e, c):
     """Start the other model beside the one that leads, from the same state."""
     for i in range(L.HALF):
@@ -49,7 +49,7 @@ def begin_second(s, e, c):
     s[L.T_ODDS] = s[L.T]
 
 
-@compiled
+@kernel
 def end_second(s):
     """Give the other model up."""
     s[L.SECOND] = 0.0
@@ -57,7 +57,7 @@ def end_second(s):
         s[L.HALF + i] = 0.0
 
 
-@compiled
+@kernel
 def change_places(s, out):
     """Let the other model lead."""
     for i in range(L.HALF):
@@ -70,7 +70,7 @@ def change_places(s, out):
     note(out, NoteCode.MODEL_CHANGED, s[L.T], s[L.T], s[L.ODDS], s[L.MODEL], 1.0 / max(s[L.PERIOD], 1e-3))
 
 
-@compiled
+@kernel
 def weigh_models(s, e, c, out):
     """After an IMU event of both halves: begin or end the second, or let it lead."""
     if c[Parameter.COMPARE_HZ] == 0.0:

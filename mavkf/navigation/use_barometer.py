@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import barometer
 from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
@@ -17,13 +17,14 @@ from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
 from mavkf.navigation.tape import attend, is_recording, record_link
 from mavkf.samples import PRESSURE
+from mavkf.stack import matrix, vector
 
 DISTURBED_AFTER = 0.5  # s of refusals, after which it is told
 RELEARN_AFTER = 30.0  # s of refusals, after which its bias is taken to have changed
 FLOOR = 0.2  # m: gusts and the rounding to whole counts
 
 
-@compiled
+@kernel
 def use_barometer(s, e, c, out):
     """Fuse a pressure; the first one after a position was found sets the bias."""
     if s[L.POSITION_KNOWN] == 0.0 or c[Parameter.USE_BAROMETER] == 0.0:
@@ -53,9 +54,9 @@ def use_barometer(s, e, c, out):
             record_link(s, out, DBARO, POS + 2, 1.0)
         s[L.BAROMETER_KNOWN] = 1.0
         return
-    r = np.empty(1)
-    H = np.empty((1, P.shape[0]))
-    R = np.empty((1, 1))
+    r = vector(1)
+    H = matrix(1, P.shape[0])
+    R = matrix(1, 1)
     r[0] = height - barometer.predict(x)
     barometer.jacobian(H)
     R[0, 0] = max(sigma * sigma * s[L.SCALE_BARO], FLOOR**2)

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.filters.joseph import row_variance
 from mavkf.models import vehicle_class as model
 from mavkf.models.earth import STANDARD_GRAVITY
@@ -23,6 +23,7 @@ from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import lasting
 from mavkf.navigation.tape import attend, is_recording, record_link
 from mavkf.samples import DIFFERENTIAL_PRESSURE, PRESSURE
+from mavkf.stack import matrix, vector, zero_matrix
 
 ROVER_PERIOD, AIR_PERIOD = 0.5, 1.0  # s between updates
 # Rover. How the wheels stand in b (a level mounting by eye), and where the axle is that does not steer.
@@ -54,7 +55,7 @@ UNCORRELATED = 0.05  # correlation that a white noise assumed too large makes by
 ROVER, WING, ROTORS = 1.0, 2.0, 3.0  # values of Parameter.CLASS
 
 
-@compiled
+@kernel
 def begin_class(s, c):
     """Give the states of the class their place and prior; none where nothing is known of it."""
     if c[Parameter.CLASS] == 0.0:
@@ -79,7 +80,7 @@ def begin_class(s, c):
         P[DSLIP, DSLIP] = SLIP_SIGMA**2
 
 
-@compiled
+@kernel
 def is_off(s, c):
     """Whether the vehicle does what its class does: armed, moving or above the ground, with attitude, heading and velocity known."""
     if s[L.ARMED] != 1.0:
@@ -97,7 +98,7 @@ def is_off(s, c):
     return high and speed > LEAST_AIRSPEED if c[Parameter.CLASS] == WING else high or speed > MOVING
 
 
-@compiled
+@kernel
 def use_class(s, e, c, out):
     """After an IMU event: fuse what the class says, when it is due."""
     if c[Parameter.CLASS] == 0.0:
@@ -110,7 +111,7 @@ def use_class(s, e, c, out):
         return
     dt = s[L.T] - s[L.T_CLASS] if math.isfinite(s[L.T_CLASS]) else period
     s[L.T_CLASS] = s[L.T]
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(s[Q : Q + 4], C)
     if c[Parameter.CLASS] == ROVER:
         use_wheels(s, e, c, out, C, dt)
@@ -124,7 +125,7 @@ def use_class(s, e, c, out):
         use_sideslip(s, e, c, out, C, dt)
 
 
-@compiled
+@kernel
 def teach(s, k, r, H, row, variance, least):
     """Learn how much more or less than assumed the knowledge errs, from an innovation; variance: of its error as it is, not as told."""
     total = variance + row_variance(L.covariance(s), H, row)
@@ -132,7 +133,7 @@ def teach(s, k, r, H, row, variance, least):
     return total
 
 
-@compiled
+@kernel
 def teach_lasting(s, k, r, variance, least):
     """Let the wind change faster, or a rover's slip last longer, while successive innovations of this variance agree; else the contrary."""
     rho = min(max(r * s[L.LAST_CLASS + k] / variance, -3.0), 3.0)
@@ -141,7 +142,7 @@ def teach_lasting(s, k, r, variance, least):
     s[L.SCALE_LASTING] = min(max(scale, least), MOST_LASTING)
 
 
-@compiled
+@kernel
 def fuse_air(s, e, c, out, sensor, r, H, R, R_lasting):
     """Fuse what the air says: into wind and drag alone until the wind is known, and while GNSS and a fast IMU know the motion better.
 
@@ -156,19 +157,19 @@ def fuse_air(s, e, c, out, sensor, r, H, R, R_lasting):
     s[L.CORRECT_FROM] = 0.0
 
 
-@compiled
+@kernel
 def use_wheels(s, e, c, out, C, dt):
     """Wheels move neither sideways nor off the ground."""
     x = s[L.X : L.P]
-    h = np.empty(2)
-    H = np.empty((2, int(s[L.STATES])))
-    R = np.zeros((2, 2))
-    R_lasting = np.zeros((2, 2))
+    h = vector(2)
+    H = matrix(2, int(s[L.STATES]))
+    R = zero_matrix(2, 2)
+    R_lasting = zero_matrix(2, 2)
     omega = s[L.RATE : L.RATE + 3]
     model.predict_slip(x, C, omega, h)
     model.slip_jacobian(x, C, omega, H)
     speed = math.sqrt(x[V] ** 2 + x[V + 1] ** 2 + x[V + 2] ** 2)
-    r = np.empty(2)
+    r = vector(2)
     for i in range(2):
         r[i] = -h[i]
         # across, and along for what the springs do
@@ -184,16 +185,16 @@ def use_wheels(s, e, c, out, C, dt):
     fuse_lasting(s, e, c, out, Sensor.WHEELS, r, H, R, R_lasting)
 
 
-@compiled
+@kernel
 def use_drag(s, e, c, out, C, dt):
     """Across the rotors' axis there is no force but drag."""
     x = s[L.X : L.P]
-    u = np.empty(3)
-    f = np.empty(3)
-    h = np.empty(2)
-    H = np.empty((2, int(s[L.STATES])))
-    R = np.zeros((2, 2))
-    R_lasting = np.zeros((2, 2))
+    u = vector(3)
+    f = vector(3)
+    h = vector(2)
+    H = matrix(2, int(s[L.STATES]))
+    R = zero_matrix(2, 2)
+    R_lasting = zero_matrix(2, 2)
     is_state = s[L.MODEL] == L.TELEMETRY
     model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
     model.specific_force(x, s[L.MEAN_FORCE : L.MEAN_FORCE + 3], is_state, f)
@@ -211,7 +212,7 @@ def use_drag(s, e, c, out, C, dt):
     gust = s[L.SCALE_CLASS] * GUST * GUST
     misfit = s[L.SCALE_CLASS] * (MISFIT * speed) ** 2
     white = 0.0 if is_state else 0.5 * s[L.DIFFERENCE_ACCEL] * min(1.0, s[L.PERIOD] / SMOOTH)
-    r = np.empty(2)
+    r = vector(2)
     for i in range(2):
         r[i] = -h[i]
         R[i, i] = k * k * (gust + misfit) + white
@@ -221,14 +222,14 @@ def use_drag(s, e, c, out, C, dt):
     fuse_air(s, e, c, out, Sensor.DRAG, r, H, R, R_lasting)
 
 
-@compiled
+@kernel
 def use_sideslip(s, e, c, out, C, dt):
     """A wing flies nose first through the air."""
     x = s[L.X : L.P]
-    u = np.empty(3)
-    r = np.empty(1)
-    H = np.empty((1, int(s[L.STATES])))
-    R = np.empty((1, 1))
+    u = vector(3)
+    r = vector(1)
+    H = matrix(1, int(s[L.STATES]))
+    R = matrix(1, 1)
     model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
     if is_recording(out):
         attend(s, out)
@@ -250,7 +251,7 @@ def use_sideslip(s, e, c, out, C, dt):
     fuse_air(s, e, c, out, Sensor.SIDESLIP, r, H, R, R)
 
 
-@compiled
+@kernel
 def use_airspeed(s, e, c, out):
     """A barometer event that carries a pitot tube's pressure: fuse the airspeed, when it is due."""
     if c[Parameter.CLASS] != WING or not e[DIFFERENTIAL_PRESSURE] > 0.0 or not e[PRESSURE] > 0.0:
@@ -262,12 +263,12 @@ def use_airspeed(s, e, c, out):
         return
     s[L.T_AIRSPEED] = s[L.T]
     x = s[L.X : L.P]
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C)
-    u = np.empty(3)
-    r = np.empty(1)
-    H = np.empty((1, int(s[L.STATES])))
-    R = np.empty((1, 1))
+    u = vector(3)
+    r = vector(1)
+    H = matrix(1, int(s[L.STATES]))
+    R = matrix(1, 1)
     model.body_velocity(x, C, x[WIND], x[WIND + 1], u)
     if not u[0] * u[0] + u[1] * u[1] + u[2] * u[2] > 1.0:
         return

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import gnss
 from mavkf.models.strapdown import (
     DDELAY,
@@ -66,13 +66,14 @@ from mavkf.samples import (
 )
 from mavkf.samples import LATITUDE as FIX_LATITUDE
 from mavkf.samples import LONGITUDE as FIX_LONGITUDE
+from mavkf.stack import matrix, vector, zero_matrix
 
 FIX_3D = 3
 SPEED_TIME = 5.0  # s
 LEAST_COLOUR_SCALE = 1.0  # of what a fix's claim allows
 
 
-@compiled
+@kernel
 def use_gnss(s, e, c, out):
     """Take a fix: what it says of the place, its heading, its position and its velocity."""
     b = book_of(e[SOURCE])
@@ -126,7 +127,7 @@ def use_gnss(s, e, c, out):
     s[k + 3], s[k + 4] = e[VELOCITY_N], e[VELOCITY_E]
 
 
-@compiled
+@kernel
 def repeats(s, e, b):
     """Whether a fix has the very same values as the last of its receiver, of which its book b tells."""
     k = b + L.F_FIX
@@ -137,7 +138,7 @@ def repeats(s, e, b):
     return same
 
 
-@compiled
+@kernel
 def follow_speed(s, e, b):
     """Keep the mean of the last seconds' velocity: a boat that drifts is still for its IMU, and moves all the same."""
     dt = e[TIME] - s[b + L.F_T_BEFORE]
@@ -147,7 +148,7 @@ def follow_speed(s, e, b):
         s[L.GNSS_SPEED + i] += weight * ((v if math.isfinite(v) else 0.0) - s[L.GNSS_SPEED + i])
 
 
-@compiled
+@kernel
 def set_field(s, e, c):
     """Set the earth's field at a fix: of the model its strength and dip, of the declination what is believed."""
     north, east, down = e[L.FIELD_N], e[L.FIELD_N + 1], e[L.FIELD_N + 2]
@@ -163,13 +164,13 @@ def set_field(s, e, c):
         s[EARTH_FIELD + 2] = down
 
 
-@compiled
+@kernel
 def predict_fix(s, e, r, H):
     """Fill innovation r (3,) and H (3, n) of a fix's position, coloured error and delay included."""
     x = s[L.X : L.P]
-    z_hat = np.empty(3)
-    C = np.empty((3, 3))
-    w = np.empty(3)
+    z_hat = vector(3)
+    C = matrix(3, 3)
+    w = vector(3)
     a = s[L.ACCELERATION : L.ACCELERATION + 3]
     mounting(s, C, w)
     offset(e[FIX_LATITUDE], e[FIX_LONGITUDE], e[HEIGHT_AMSL], x[LATITUDE], x[LONGITUDE], x[HEIGHT], r)
@@ -179,7 +180,7 @@ def predict_fix(s, e, r, H):
         r[i] -= z_hat[i]
 
 
-@compiled
+@kernel
 def fused_position(s, out, b):
     """Note that a position of a receiver was fused."""
     if s[L.OUTAGE] != 0.0:
@@ -190,14 +191,14 @@ def fused_position(s, out, b):
     s[L.RECOVERING] = max(0.0, s[L.RECOVERING] - 1.0)
 
 
-@compiled
+@kernel
 def fuse_position(s, e, c, out, b):
     """Fuse the position of the main receiver, whose coloured error is a state. b: its book."""
     P = L.covariance(s)
-    r = np.empty(3)
-    H = np.empty((3, P.shape[0]))
-    R = np.zeros((3, 3))
-    S = np.empty(3)
+    r = vector(3)
+    H = matrix(3, P.shape[0])
+    R = zero_matrix(3, 3)
+    S = vector(3)
     set_colour(s, e, c)
     predict_fix(s, e, r, H)
     for i in range(3):
@@ -213,7 +214,9 @@ def fuse_position(s, e, c, out, b):
         if not agreement(s, L.AGREES_SINCE, surprise(P, H, R, r), 3):
             fuse(s, e, c, out, Sensor.GNSS_POSITION, r, H, R, Reason.SUSPECTED)
             # what was found drifts horizontally
-            fuse(s, e, c, out, Sensor.GNSS_POSITION, r[2:], H[2:], R[2:, 2:].copy(), Reason.FUSED)
+            R_down = matrix(1, 1)
+            R_down[0, 0] = R[2, 2]
+            fuse(s, e, c, out, Sensor.GNSS_POSITION, r[2:], H[2:], R_down, Reason.FUSED)
             if out_of_patience(s, c, s[L.SUSPECT_POSITION]):
                 s[b + L.F_REFUSED_SINCE] = s[L.SUSPECT_POSITION]
                 reset_position(s, e, c, out, b, False)
@@ -244,17 +247,17 @@ def fuse_position(s, e, c, out, b):
             learn_colour(s, r, S, 1, 2, 1)
 
 
-@compiled
+@kernel
 def fuse_other_position(s, e, c, out, b):
     """Fuse the position of another receiver: judged by what one fix may be off, weighed by how little many of them together tell.
 
     Its coloured error has no state, and its delay is the main receiver's only within what is known beforehand: v v' sigma_delay^2.
     """
     P = L.covariance(s)
-    r = np.empty(3)
-    H = np.empty((3, P.shape[0]))
-    R = np.zeros((3, 3))
-    R_lasting = np.zeros((3, 3))
+    r = vector(3)
+    H = matrix(3, P.shape[0])
+    R = zero_matrix(3, 3)
+    R_lasting = zero_matrix(3, 3)
     predict_fix(s, e, r, H)
     # the first counts as one, and each later one as what is new in it
     dt = e[TIME] - s[b + L.F_T_BEFORE]

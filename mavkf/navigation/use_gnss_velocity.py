@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import gnss
 from mavkf.models.strapdown import DDELAY, VEL, V
 from mavkf.navigation import layout as L
@@ -19,13 +19,14 @@ from mavkf.navigation.receivers import claimed, lasting
 from mavkf.navigation.reset import FIXES_TO_START, PATIENCE_WITH_ITSELF, acquit_position, doubt_attitude
 from mavkf.navigation.suspicion import absolve_velocity, agreement, out_of_patience, surprise
 from mavkf.samples import SIGMA_SPEED, SOURCE, TIME, VELOCITY_D, VELOCITY_E, VELOCITY_N
+from mavkf.stack import matrix, vector, zero_matrix
 
 ACCELERATION_LASTS = 1.0  # s
 ASTRAY = 0.12  # share of the way that a filter which fuses the positions shows of its own error
 PATIENCE_WITH_VELOCITY = 4.0  # s of velocities refused that the positions contradict
 
 
-@compiled
+@kernel
 def follow_astray(s, b, r):
     """After a velocity was refused by r (m/s), of which horizontally two: keep account of whether the positions go where it points.
 
@@ -38,13 +39,13 @@ def follow_astray(s, b, r):
         s[b + L.F_ASTRAY + 1] += r[i] * r[i] * since
 
 
-@compiled
+@kernel
 def position_contradicts(s, b):
     """Whether the receiver's positions do not go where its refused velocities point. b: its book."""
     return s[b + L.F_ASTRAY] < ASTRAY * s[b + L.F_ASTRAY + 1]
 
 
-@compiled
+@kernel
 def fuse_velocity(s, e, c, out, b):
     """Fuse the velocity of a fix, as a vector of two or, where the message has the vertical one, three. b: the receiver's book."""
     x = s[L.X : L.P]
@@ -53,12 +54,12 @@ def fuse_velocity(s, e, c, out, b):
     if not (math.isfinite(vn) and math.isfinite(ve)):
         return
     m = 3 if math.isfinite(vd) else 2
-    r = np.empty(3)
-    z_hat = np.empty(3)
-    H = np.empty((3, P.shape[0]))
-    R = np.zeros((3, 3))
-    C = np.empty((3, 3))
-    w = np.empty(3)
+    r = vector(3)
+    z_hat = vector(3)
+    H = matrix(3, P.shape[0])
+    R = zero_matrix(3, 3)
+    C = matrix(3, 3)
+    w = vector(3)
     a = s[L.ACCELERATION : L.ACCELERATION + 3]
     sigma = claimed(e, SIGMA_SPEED, c[Parameter.SPEED])
     # the claim is for white noise; part of the error lingers from fix to fix, so it has a floor
@@ -87,16 +88,21 @@ def fuse_velocity(s, e, c, out, b):
             H[i, DDELAY] = 0.0
             for j in range(3):
                 R[i, j] += times * c[Parameter.DELAY] ** 2 * a[i] * a[j]
+    # the part that is measured
+    R_m = matrix(m, m)
+    for i in range(m):
+        for j in range(m):
+            R_m[i, j] = R[i, j]
     share = variance / (variance + 0.5 * (P[VEL, VEL] + P[VEL + 1, VEL + 1]))
     suspected = main and math.isfinite(s[L.SUSPECT_VELOCITY])
     if main:
-        nis = surprise(P, H[:m], R[:m, :m].copy(), r[:m])
+        nis = surprise(P, H[:m], R_m, r[:m])
         surprised(s, nis, m)
         if suspected and agreement(s, L.AGREES_SINCE, nis, m):
             absolve_velocity(s, out)
             suspected = False
     reason = Reason.SUSPECTED if suspected else Reason.FUSED
-    nis = fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R[:m, :m].copy(), reason)
+    nis = fuse(s, e, c, out, Sensor.GNSS_VELOCITY, r[:m], H[:m], R_m, reason)
     if nis >= 0.0:
         s[b + L.F_T_VELOCITY] = s[L.T]
         s[b + L.F_SCALE_VELOCITY] = learn(s[b + L.F_SCALE_VELOCITY], nis, m, share, LEAST_SCALE)

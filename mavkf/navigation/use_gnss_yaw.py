@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models import gnss
 from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import Q
@@ -14,12 +14,13 @@ from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.fusing import fuse, note
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import GNSS_YAW
+from mavkf.stack import matrix, vector
 
 STEEP = math.cos(math.radians(75.0))  # cosine of the pitch beyond which a nose that points up or down has no heading
 COMPASS_LOST = 2.0  # s without a magnetometer, after which nothing speaks for a heading against the receiver
 
 
-@compiled
+@kernel
 def use_gnss_yaw(s, e, c, out):
     """Fuse the heading of a fix, where it has one.
 
@@ -29,10 +30,10 @@ def use_gnss_yaw(s, e, c, out):
     """
     if s[L.ALIGNED] == 0.0 or c[Parameter.USE_GNSS_YAW] == 0.0 or not math.isfinite(e[GNSS_YAW]):
         return
-    C = np.empty((3, 3))
-    r = np.empty(1)
-    R = np.empty((1, 1))
-    H = np.empty((1, int(s[L.STATES])))
+    C = matrix(3, 3)
+    r = vector(1)
+    R = matrix(1, 1)
+    H = matrix(1, int(s[L.STATES]))
     rotation_matrix(s[Q : Q + 4], C)
     r[0] = wrap_angle(e[GNSS_YAW] - gnss.predict_yaw(C))
     R[0, 0] = c[Parameter.GNSS_YAW] ** 2
@@ -56,7 +57,7 @@ def use_gnss_yaw(s, e, c, out):
         align_heading(s, r[0], R[0, 0], out)
 
 
-@compiled
+@kernel
 def align_heading(s, turn, variance, out):
     """Turn the attitude by an angle (rad) to a heading of this variance (rad^2), free of all else."""
     turn_heading(s, turn, variance)

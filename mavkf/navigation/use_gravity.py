@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, Q, V
@@ -14,6 +14,7 @@ from mavkf.navigation.fusing import fuse
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.yaw_bank import relevel_bank
 from mavkf.samples import GYRO_RESOLUTION
+from mavkf.stack import matrix, vector, zero_matrix
 
 LEVEL_PERIOD = 0.1  # s between levelling updates
 LEVEL_QUIET = 0.3  # m/s^2: acceleration of a vehicle that seems to be still
@@ -28,7 +29,7 @@ REST_GYRO_NOISE = 1e-3  # rad/s
 REST_COUNTS = 300.0  # updates in which the rounding to whole counts stays the same
 
 
-@compiled
+@kernel
 def level(s, e, c, out):
     """Level by gravity while the velocity is not carried by the accelerometer: the specific force is -g but for the acceleration.
 
@@ -40,16 +41,16 @@ def level(s, e, c, out):
         return
     since = s[L.T] - s[L.T_GRAVITY] if math.isfinite(s[L.T_GRAVITY]) else LEVEL_PERIOD
     s[L.T_GRAVITY] = s[L.T]
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C)
-    f = np.empty(3)
+    f = vector(3)
     for i in range(3):
         f[i] = s[L.IMU + 3 + i] - x[BA + i]
     size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
-    r = np.empty(2)
+    r = vector(2)
     for i in range(2):
         r[i] = C[i, 0] * f[0] + C[i, 1] * f[1] + C[i, 2] * f[2]
-    H = np.zeros((2, int(s[L.STATES])))
+    H = zero_matrix(2, int(s[L.STATES]))
     H[0, THETA + 1] = STANDARD_GRAVITY
     H[1, THETA] = -STANDARD_GRAVITY
     for i in range(2):
@@ -61,7 +62,7 @@ def level(s, e, c, out):
         # in a turn the acceleration is speed times rate, however steady it looks
         turn = C[2, 0] * s[L.RATE] + C[2, 1] * s[L.RATE + 1] + C[2, 2] * s[L.RATE + 2]
         variance += LEVEL_MOVING**2 + (x[V] * x[V] + x[V + 1] * x[V + 1]) * turn * turn
-    R = np.zeros((2, 2))
+    R = zero_matrix(2, 2)
     R[0, 0] = variance * max(1.0, c[Parameter.ACCELERATION_TIME] / max(since, 1e-3))
     R[1, 1] = R[0, 0]
     fuse(s, e, c, out, Sensor.GRAVITY, r, H, R, Reason.FUSED)
@@ -74,7 +75,7 @@ def level(s, e, c, out):
         relevel_bank(s, north - r[0], east - r[1])
 
 
-@compiled
+@kernel
 def rest(s, e, c, out, gyro, accel):
     """At rest (disarmed, and no sign of motion for a while) the velocity is zero, the attitude stays and the gyro shows its bias.
 
@@ -96,9 +97,9 @@ def rest(s, e, c, out, gyro, accel):
         return
     s[L.T_REST] = s[L.T]
     x = s[L.X : L.P]
-    r = np.empty(3)
-    H = np.zeros((3, int(s[L.STATES])))
-    R = np.zeros((3, 3))
+    r = vector(3)
+    H = zero_matrix(3, int(s[L.STATES]))
+    R = zero_matrix(3, 3)
     if s[L.POSITION_KNOWN] != 0.0:
         for i in range(3):
             r[i] = -x[V + i]

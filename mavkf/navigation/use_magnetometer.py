@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.filters.joseph import invert, row_variance
 from mavkf.models import magnetometer
 from mavkf.models.rotation import rotation_matrix, wrap_angle
@@ -18,6 +18,7 @@ from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
 from mavkf.samples import FIELD, TIME
+from mavkf.stack import matrix, vector, zero_matrix, zero_vector
 
 PERIOD = 0.08  # s between updates: the field's error is the same in samples closer together
 STRENGTH_MINIMUM, STRENGTH_MAXIMUM = (
@@ -35,7 +36,7 @@ SLOW = 0.2  # s between IMU samples: with a slower one it is the heading that is
 RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
 
 
-@compiled
+@kernel
 def use_magnetometer(s, e, c, out):
     """Fuse a field that has changed; before yaw is known the bearing of the levelled field gives it."""
     if s[L.ALIGNED] == 0.0 or c[Parameter.USE_MAGNETOMETER] == 0.0:
@@ -60,16 +61,16 @@ def use_magnetometer(s, e, c, out):
     strength = math.sqrt(mx * mx + my * my + mz * mz)
     disturbed = not STRENGTH_MINIMUM < strength < STRENGTH_MAXIMUM
     x = s[L.X : L.P]
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C)
     if s[L.YAW_KNOWN] == 0.0:
         if disturbed or not first_heading(s, C, mx, my, mz, out):
             return
         rotation_matrix(x[Q : Q + 4], C)
-    z_hat = np.empty(3)
-    r = np.empty(3)
-    H = np.empty((3, int(s[L.STATES])))
-    R = np.zeros((3, 3))
+    z_hat = vector(3)
+    r = vector(3)
+    H = matrix(3, int(s[L.STATES]))
+    R = zero_matrix(3, 3)
     magnetometer.predict(x, C, z_hat)
     magnetometer.jacobian(x, C, H)
     turning = 0.0
@@ -112,7 +113,7 @@ def use_magnetometer(s, e, c, out):
         relearn_iron(s, r)
 
 
-@compiled
+@kernel
 def relearn_iron(s, r):
     """Take r (3,), T, for a change of the vehicle's own field, or for one that it has only now got rid of: nothing tells which.
 
@@ -121,12 +122,12 @@ def relearn_iron(s, r):
     motion has confirmed hardly hangs on it.
     """
     P = L.covariance(s)
-    own = np.empty((3, 3))
-    inverse = np.empty((3, 3))
+    own = matrix(3, 3)
+    inverse = matrix(3, 3)
     for i in range(3):
         for j in range(3):
             own[i, j] = P[DIRON + i, DIRON + j]
-    dx = np.zeros(P.shape[0])
+    dx = zero_vector(P.shape[0])
     if invert(own, inverse) > 0.0:
         for i in range(3):
             w = inverse[i, 0] * r[0] + inverse[i, 1] * r[1] + inverse[i, 2] * r[2]
@@ -141,7 +142,7 @@ def relearn_iron(s, r):
             P[k, m] += dx[k] * dx[m]
 
 
-@compiled
+@kernel
 def first_heading(s, C, mx, my, mz, out):
     """Turn the attitude so that the levelled field points along the declination; returns whether that could be done."""
     x = s[L.X : L.P]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.filters.joseph import invert
 from mavkf.models.strapdown import DBA, DBG, retract
 from mavkf.navigation import layout as L
@@ -23,6 +23,7 @@ from mavkf.navigation.monitors import (
     stop_monitors,
 )
 from mavkf.navigation.reset import acquit_position, reset_position
+from mavkf.stack import matrix, vector
 
 # By kind: twice the log likelihood ratio at which a fault is believed, and the least size that is worth a name. Chi-square with three
 # degrees of freedom exceeds 30 once in 700,000 trials; the IMU's kinds need more, because what is not modelled (scale, vibration, the
@@ -40,14 +41,14 @@ RARER = np.array([0.0] * 6 + [0.0, 20.0, 20.0] + [0.0] * 6)
 LEAST_AGE = 1.0  # s of evidence
 
 
-@compiled
+@kernel
 def take_out(s, h, size, covariance):
     """Take the effect of hypothesis h, of this size (3,) and covariance (3, 3), out of the estimate: x <- x - f b, P <- P + f J^-1 f'."""
     P = L.covariance(s)
     f = effect(s, h)
     n = P.shape[0]
-    dx = np.empty(n)
-    spread = np.empty((n, 3))
+    dx = vector(n)
+    spread = matrix(n, 3)
     for i in range(n):
         dx[i] = 0.0
         for j in range(3):
@@ -67,11 +68,11 @@ def take_out(s, h, size, covariance):
     retract(s[L.X : L.P], dx)
 
 
-@compiled
+@kernel
 def horizontal_ratio(size, covariance):
     """How significant the horizontal part of a size (3,) of covariance (3, 3) is: b' C^-1 b of its first two components."""
-    part = np.empty((2, 2))
-    inverse = np.empty((2, 2))
+    part = matrix(2, 2)
+    inverse = matrix(2, 2)
     for i in range(2):
         for j in range(2):
             part[i, j] = covariance[i, j]
@@ -84,10 +85,10 @@ def horizontal_ratio(size, covariance):
     return ratio
 
 
-@compiled
+@kernel
 def judge_faults(s, e, c, out, b):
     """After a fix of the main receiver: if a fault is likely enough, name it, take its effect out and distrust what has it. b: its book."""
-    size, covariance = np.empty(3), np.empty((3, 3))
+    size, covariance = vector(3), matrix(3, 3)
     best, which = 0.0, -1
     for h in range(L.HYPOTHESES):
         if s[L.T] - s[hypothesis(h)] >= LEAST_AGE:
@@ -145,7 +146,7 @@ def judge_faults(s, e, c, out, b):
         acquit_position(s, e, c, out, b)
 
 
-@compiled
+@kernel
 def doubt_all(s, e, c, out, b):
     """Take position and velocity from the main receiver's fix, and doubt the attitude. b: its book."""
     s[b + L.F_REFUSED_SINCE] = min(s[L.SUSPECT_POSITION], s[L.T]) if math.isfinite(s[L.SUSPECT_POSITION]) else s[L.T]

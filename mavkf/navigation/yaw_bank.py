@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import compiled, kernel
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import BA, DBG, THETA, Q
@@ -25,6 +25,7 @@ from mavkf.navigation.fusing import note
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import way_since, white_variance
 from mavkf.samples import SIGMA_SPEED, TIME, VELOCITY_E, VELOCITY_N
+from mavkf.stack import block, matrix, zero_matrix, zero_vector
 
 ACCELERATION_NOISE = 0.3  # m/s^2/sqrt(Hz): a tilt of two degrees, lasting a second
 HEADING_NOISE = 5e-3  # rad/sqrt(s): what an unknown gyro bias turns
@@ -41,16 +42,16 @@ COVARIANCE, WEIGHT, DN, DE = M, M + M * M, M + M * M + 1, M + M * M + 2
 @compiled
 def guesses(s):
     """The bank (GUESSES, GUESS) of a state, as a view."""
-    return s[L.BANK : L.BANK + L.GUESSES * L.GUESS].reshape((L.GUESSES, L.GUESS))
+    return block(s, L.BANK, L.GUESSES, L.GUESS)
 
 
 @compiled
 def covariance_of(b):
     """P (M, M) of a hypothesis, as a view."""
-    return b[COVARIANCE : COVARIANCE + M * M].reshape((M, M))
+    return block(b, COVARIANCE, M, M)
 
 
-@compiled
+@kernel
 def tilt_variances(s):
     """Variances of an axis of the tilt (rad^2) and of the gyro bias ((rad/s)^2), of the axis that is known worst."""
     P = L.covariance(s)
@@ -58,7 +59,7 @@ def tilt_variances(s):
     return tilt, max(P[DBG, DBG], P[DBG + 1, DBG + 1], P[DBG + 2, DBG + 2])
 
 
-@compiled
+@kernel
 def begin_bank(s, v):
     """Spread the guesses evenly over the circle, each with the velocity v."""
     bank = guesses(s)
@@ -77,10 +78,10 @@ def begin_bank(s, v):
     s[L.BANK_SINCE] = s[L.T]
 
 
-@compiled
+@kernel
 def predict_bank(s, imu0, imu1, dt):
     """Advance every guess by dt (s) with the samples (6,) at both ends."""
-    C = np.empty((3, 3))
+    C = matrix(3, 3)
     rotation_matrix(s[Q : Q + 4], C)
     an, ae = 0.0, 0.0
     for j in range(3):
@@ -91,8 +92,10 @@ def predict_bank(s, imu0, imu1, dt):
     tilt, bias = tilt_variances(s)
     drift = 2.0 * STANDARD_GRAVITY**2 * bias * (s[L.T] - s[L.BANK_SINCE] + 0.5 * dt) * dt
     bank = guesses(s)
-    Phi = np.eye(M)
-    A = np.empty((M, M))
+    Phi = zero_matrix(M, M)
+    for i in range(M):
+        Phi[i, i] = 1.0
+    A = matrix(M, M)
     for i in range(L.GUESSES):
         b = bank[i]
         cos, sin = math.cos(b[PSI]), math.sin(b[PSI])
@@ -132,7 +135,7 @@ def predict_bank(s, imu0, imu1, dt):
                 P[BN + j, BN + j] = STANDARD_GRAVITY**2 * tilt
 
 
-@compiled
+@kernel
 def relevel_bank(s, north, east):
     """Levelling has changed the horizontal acceleration a' by so much (m/s^2), and its error with it: their sum stays."""
     bank = guesses(s)
@@ -141,7 +144,7 @@ def relevel_bank(s, north, east):
         bank[i, BE] -= east
 
 
-@compiled
+@kernel
 def weigh(b, r0, r1, variance):
     """Update one guess with a velocity innovation of this variance per axis, in place; its weight by the likelihood."""
     P = covariance_of(b)
@@ -149,7 +152,10 @@ def weigh(b, r0, r1, variance):
     determinant = s00 * s11 - s01 * s01
     i00, i01, i11 = s11 / determinant, -s01 / determinant, s00 / determinant
     b[WEIGHT] -= 0.5 * (r0 * (i00 * r0 + i01 * r1) + r1 * (i01 * r0 + i11 * r1)) + 0.5 * math.log(determinant)
-    columns = P[:, :2].copy()
+    columns = matrix(M, 2)
+    for j in range(M):
+        for k in range(2):
+            columns[j, k] = P[j, k]
     for j in range(M):
         k0 = columns[j, 0] * i00 + columns[j, 1] * i01
         k1 = columns[j, 0] * i01 + columns[j, 1] * i11
@@ -158,7 +164,7 @@ def weigh(b, r0, r1, variance):
             P[j, k] -= k0 * columns[k, 0] + k1 * columns[k, 1]
 
 
-@compiled
+@kernel
 def seen_velocity(s, e, c, b, v):
     """Fill v (3,), of which two count, with the velocity of a fix, or of the way since the last one; returns its variance.
 
@@ -174,12 +180,12 @@ def seen_velocity(s, e, c, b, v):
     return 2.0 * white_variance(s, e, c, b, False) / (dt * dt) + c[Parameter.SPEED_FLOOR] ** 2
 
 
-@compiled
+@kernel
 def use_bank(s, e, c, out, b):
     """Weigh the guesses by a fix's velocity; where they agree well enough, turn the attitude to their mean. b: the receiver's book."""
     if s[L.YAW_KNOWN] != 0.0 or s[L.ALIGNED] == 0.0 or c[Parameter.USE_MOTION_YAW] == 0.0:
         return
-    v = np.zeros(3)
+    v = zero_vector(3)
     variance = seen_velocity(s, e, c, b, v)
     if variance == 0.0 or s[L.RESTING] != 0.0:
         s[L.BANK_UPDATES] = 0.0
