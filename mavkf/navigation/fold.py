@@ -16,6 +16,7 @@ from mavkf.models.strapdown import BG, LATITUDE, POS, VEL, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import collect
 from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.covariance import bring_up, bring_up_in_turn
 from mavkf.navigation.disturbances import is_on, watch_imu
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.imu_noise import untruncated, watch_samples
@@ -33,8 +34,6 @@ from mavkf.navigation.plausible import (
 from mavkf.navigation.propagation import coast, set_acceleration, step
 from mavkf.navigation.slow_imu import advance, begin_telemetry, leave, use_sample
 from mavkf.navigation.sources import imu_in_use, in_use
-from mavkf.navigation.tape import is_detailed
-from mavkf.navigation.tape_detail import record_snapshot
 from mavkf.navigation.two_models import weigh_models
 from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_class import use_airspeed, use_class
@@ -61,6 +60,7 @@ def choose_model(s, e, c, out):
         model = L.STRAPDOWN
     if model == s[L.MODEL]:
         return
+    bring_up(s, c, out)
     if s[L.MODEL] == L.TELEMETRY:
         leave(s)
     told = model == L.CONSTANT_VELOCITY or s[L.MODEL] == L.CONSTANT_VELOCITY
@@ -74,7 +74,7 @@ def choose_model(s, e, c, out):
 @kernel
 def watch_position(s, out):
     """Tell of an outage; give the position up when nobody could use it; refuse the neighbourhood of the poles."""
-    if s[L.POSITION_KNOWN] == 0.0:
+    if s[L.POSITION_KNOWN] == 0.0 or s[L.BEHIND] != 0.0:
         return
     P = L.covariance(s)
     since = s[L.T] - s[L.T_POSITION]
@@ -108,8 +108,6 @@ def watch_position(s, out):
 @compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def measure(s, e, c, out):
     """Fuse one measurement at the state's time."""
-    if is_detailed(out):
-        record_snapshot(s, e, out)
     kind = int(e[KIND])
     if kind == GNSS_KIND:
         use_gnss(s, e, c, out)
@@ -159,6 +157,7 @@ def use_imu(s, e, c, out):
     for i in range(3):
         s[L.RATE + i] = imu[i] - s[BG + i]
     watch_imu(s, out)
+    bring_up_in_turn(s, c, out)
     if s[L.MODEL] == L.TELEMETRY:
         if gap:
             begin_telemetry(s, e, c, out)

@@ -9,10 +9,11 @@ from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, Q, V, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Flag, ModeCode, NoteCode
+from mavkf.navigation.covariance import predict_covariance
 from mavkf.navigation.disturbances import is_on
 from mavkf.navigation.protection import protection_levels
 from mavkf.navigation.receivers import book_of
-from mavkf.stack import matrix
+from mavkf.stack import copy, matrix
 
 POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
 TILT_LIMIT, YAW_LIMIT = math.radians(10.0), math.radians(20.0)
@@ -55,14 +56,13 @@ def flags_of(s):
 
 
 @kernel
-def valid_of(s):
+def valid_of(s, P):
     """Which parts may be used, as bits: known, and sure enough.
 
     A state that has crossed a gap of the IMU is nothing to go by until a few fixes have put it right.
     """
     if s[L.RECOVERING] > 0.0 and s[L.POSITION_KNOWN] != 0.0:
         return 0
-    P = L.covariance(s)
     valid = 0
     if s[L.POSITION_KNOWN] != 0.0:
         if P[POS, POS] + P[POS + 1, POS + 1] < 2.0 * POSITION_LIMIT**2:
@@ -97,7 +97,12 @@ def sigma_euler(P, q, euler, out):
 @kernel
 def pose_row(s, c, row):
     """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""
-    valid = valid_of(s)
+    n = int(s[L.STATES])
+    P = matrix(n, n)
+    copy(P, L.covariance(s))
+    if s[L.BEHIND] > 0.0:
+        predict_covariance(s, c, P)
+    valid = valid_of(s, P)
     row[:] = np.nan
     row[L.R_TIME] = s[L.T]
     row[L.R_MODE] = mode_of(s)
@@ -107,9 +112,9 @@ def pose_row(s, c, row):
     row[L.R_UNDULATION] = s[L.UNDULATION]
     for i in range(3):
         row[L.R_ORIGIN_LATITUDE + i] = s[L.ORIGIN_LATITUDE + i]
-    show(s[L.X : L.P], L.covariance(s), valid, row)
+    show(s[L.X : L.P], P, valid, row)
     if valid & L.VALID_POSITION != 0:
-        row[L.R_PL_H], row[L.R_PL_V] = protection_levels(s, c)
+        row[L.R_PL_H], row[L.R_PL_V] = protection_levels(s, c, P)
     if valid & L.VALID_TILT != 0:
         for i in range(3):
             row[L.R_RATE + i] = s[L.RATE + i]

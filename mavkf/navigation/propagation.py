@@ -1,7 +1,5 @@
 """From one time to the next: the begin of a session, state and covariance over an interval, and the noise that goes with it."""
 
-import math
-
 import numpy as np
 
 from mavkf.compiled import kernel
@@ -17,9 +15,7 @@ from mavkf.models.strapdown import (
     DBG,
     DDELAY,
     DFIELD,
-    DGNSS,
     DIRON,
-    GNSS,
     HEIGHT,
     LATITUDE,
     POS,
@@ -30,15 +26,16 @@ from mavkf.models.strapdown import (
     Q,
 )
 from mavkf.navigation import layout as L
+from mavkf.navigation.covariance import bring_up, decay_estimate, multiply_up
 from mavkf.navigation.disturbances import begin_faults
-from mavkf.navigation.monitors import follow_decay, follow_transition, stop_monitors
+from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import begin_books
 from mavkf.navigation.sources import begin_sources
-from mavkf.navigation.tape import attend, is_detailed, is_recording, record_noise, record_transition
+from mavkf.navigation.tape import attend, is_recording
 from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
-from mavkf.stack import copy, matrix, vector, zero_matrix, zero_vector
+from mavkf.stack import block, copy, matrix, vector, zero_vector
 
 REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
@@ -52,6 +49,7 @@ def begin(s, c):
     antenna = c[Parameter.ANTENNA_SIGMA] > 0.0
     s[L.STATES] = STATES_MOST if antenna else N
     s[L.WANTED] = c[Parameter.MODEL]
+    s[L.BROUGHT_UP] = -1.0
     for i in (
         L.T,
         L.T_IMU,
@@ -107,80 +105,6 @@ def begin(s, c):
 
 
 @kernel
-def added_noise(s, c, gyro, accel, dt, q):
-    """Fill q (n,) with the variances that dt adds: of densities `gyro` (rad^2/s) and `accel` (m^2/s^3), and of the walks of the biases."""
-    q[:] = 0.0
-    for i in range(3):
-        q[THETA + i] = gyro * dt
-        q[VEL + i] = accel * dt
-        q[DBG + i] = c[Parameter.GYRO_WALK] ** 2 * s[L.SCALE_WALK] * dt
-        q[DBA + i] = c[Parameter.ACCEL_WALK] ** 2 * dt
-    q[DBARO] = c[Parameter.BARO_WALK] ** 2 * dt
-    q[DDELAY] = c[Parameter.DELAY_WALK] ** 2 * dt
-
-
-@kernel
-def add_noise(s, c, gyro, accel, dt):
-    """Add the variances of `added_noise` to the diagonal."""
-    P = L.covariance(s)
-    q = vector(P.shape[0])
-    added_noise(s, c, gyro, accel, dt, q)
-    for i in range(P.shape[0]):
-        P[i, i] += q[i]
-
-
-@kernel
-def propagate_covariance(P, Phi):
-    """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity."""
-    n = P.shape[0]
-    A = zero_matrix(9, n)
-    for i in range(9):
-        for k in range(TOP):
-            p = Phi[i, k]
-            if p != 0.0:
-                for j in range(n):
-                    A[i, j] += p * P[k, j]
-    for i in range(9):
-        for j in range(9, n):
-            P[i, j] = A[i, j]
-            P[j, i] = A[i, j]
-    for i in range(9):
-        for j in range(i, 9):
-            total = 0.0
-            for k in range(TOP):
-                total += A[i, k] * Phi[j, k]
-            P[i, j] = total
-            P[j, i] = total
-
-
-@kernel
-def decay_colour(s, c, dt):
-    """The coloured GNSS error falls off, and is renewed: e <- phi e, variance phi^2 P + (1 - phi^2) sigma^2 with phi = exp(-dt / tau)."""
-    P = L.covariance(s)
-    for i in range(3):
-        phi = math.exp(-dt / s[L.COLOUR_TIME + i // 2])
-        s[GNSS + i] *= phi
-        if i > 0:
-            follow_decay(s, i // 2, phi)
-        for j in range(P.shape[0]):
-            P[DGNSS + i, j] *= phi
-        for j in range(P.shape[0]):
-            P[j, DGNSS + i] *= phi
-        P[DGNSS + i, DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
-
-
-@kernel
-def record_added(s, c, gyro, accel, dt, decaying, out):
-    """Record what `add_noise` adds to the diagonal in dt, and `decay_colour` in the time `decaying` (s, 0: none)."""
-    q = vector(int(s[L.STATES]))
-    added_noise(s, c, gyro, accel, dt, q)
-    for i in range(3):
-        phi = math.exp(-decaying / s[L.COLOUR_TIME + i // 2])
-        q[DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
-    record_noise(out, q.shape[0], q)
-
-
-@kernel
 def at_rest(x, imu, still):
     """Fill `still` with a sample (6,) whose gyro is as if the body stood still on the earth: the earth's rate and the bias."""
     C = matrix(3, 3)
@@ -202,13 +126,14 @@ def roaming(c):
 
 @kernel
 def step(s, c, imu0, imu1, dt, gyro, accel, out):
-    """Advance state and covariance by dt with the samples at both ends; half of the noise before, half after (second order in dt)."""
+    """Advance the state by dt with the samples at both ends, noise densities `gyro` (rad^2/s) and `accel` (m^2/s^3).
+
+    The covariance follows when somebody asks for it (`bring_up`): until then the transitions are multiplied up.
+    """
     x = s[L.X : L.P]
-    P = L.covariance(s)
     Phi = matrix(9, TOP)
     average = vector(21)
-    recording = is_recording(out)
-    if recording:
+    if s[L.BEHIND] == 0.0 and is_recording(out):
         attend(s, out)
     still0, still1 = vector(6), vector(6)
     if s[L.RESTING] != 0.0:
@@ -230,18 +155,14 @@ def step(s, c, imu0, imu1, dt, gyro, accel, out):
         for i in range(9):
             for j in range(3):
                 Phi[i, DBG + j] = 0.0
-    add_noise(s, c, gyro, accel, 0.5 * dt)
-    propagate_covariance(P, Phi)
-    follow_transition(s, Phi)
-    add_noise(s, c, gyro, accel, 0.5 * dt)
-    decay_colour(s, c, dt)
+    decay_estimate(s, dt)
+    multiply_up(block(s, L.BEHIND_PHI, 9, TOP), Phi, s[L.BEHIND] == 0.0)
+    s[L.BEHIND] += dt
+    s[L.BEHIND_GYRO] += gyro * dt
+    s[L.BEHIND_ACCEL] += accel * dt
     s[L.T] += dt
-    if recording:
-        if is_detailed(out):
-            record_added(s, c, gyro, accel, 0.5 * dt, 0.0, out)
-        record_transition(s, out, Phi, dt)
-        if is_detailed(out):
-            record_added(s, c, gyro, accel, 0.5 * dt, dt, out)
+    if s[L.MODEL] != L.STRAPDOWN:
+        bring_up(s, c, out)
 
 
 @kernel

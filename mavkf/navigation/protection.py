@@ -37,9 +37,8 @@ def largest_sigma(a, b, d):
 
 
 @kernel
-def protection_levels(s, c):
-    """The bounds on the horizontal and on the vertical error of the position, m."""
-    P = L.covariance(s)
+def protection_levels(s, c, P):
+    """The bounds on the horizontal and on the vertical error of the position, m, whose covariance is in P (n, n)."""
     k_0 = CLAIM * factor(c[Parameter.RISK])
     k = factor(min(c[Parameter.RISK] / UNDETECTED, 0.5))
     horizontal = k_0 * largest_sigma(P[POS, POS], P[POS, POS + 1], P[POS + 1, POS + 1])

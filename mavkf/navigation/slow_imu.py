@@ -6,10 +6,11 @@ from mavkf.models.strapdown import BA, BG, DBG, N
 from mavkf.models.telemetry import DOMEGA, FORCE, OMEGA
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Reason, Sensor
+from mavkf.navigation.covariance import add_noise, bring_up, decay_colour, decay_estimate, record_added
 from mavkf.navigation.fusing import forget, fuse, widen
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
-from mavkf.navigation.propagation import add_noise, decay_colour, record_added, set_acceleration
+from mavkf.navigation.propagation import set_acceleration
 from mavkf.navigation.tape import attend, is_detailed, is_recording, record_link, record_noise, record_transition
 from mavkf.samples import GYRO_RESOLUTION
 from mavkf.stack import copy, flat, matrix, vector, zero_matrix, zero_vector
@@ -60,6 +61,7 @@ def enter(s, e, c):
 @kernel
 def begin_telemetry(s, e, c, out):
     """Enter in the half that is recorded."""
+    bring_up(s, c, out)
     if is_recording(out):
         attend(s, out)
     enter(s, e, c)
@@ -112,8 +114,9 @@ def advance(s, c, t, out):
             Qc[telemetry.M_OMEGA + 3 * k + i] = drive
     telemetry.propagate(x, dt, tau, Qc, Phi, Qd)
     telemetry.propagate_covariance(P, Phi, Qd)
-    add_noise(s, c, 0.0, 0.0, dt)
-    decay_colour(s, c, dt)
+    add_noise(s, c, 0.0, 0.0, dt, P)
+    decay_estimate(s, dt)
+    decay_colour(s, dt, P)
     s[L.T] = t
     if recording:
         record_transition(s, out, Phi, dt)

@@ -16,6 +16,7 @@ from mavkf.models import telemetry
 from mavkf.models.strapdown import BG, DGNSS, POS, TOP, VEL, V, retract
 from mavkf.models.telemetry import OMEGA
 from mavkf.navigation import layout as L
+from mavkf.navigation.covariance import bring_up
 from mavkf.navigation import tape as T
 from mavkf.navigation.fold import fold
 from mavkf.navigation.pose import pose_row, show
@@ -46,10 +47,12 @@ def fold_block(s, events, slot, count, c, rate, held, faults, poses, out):
             now = slot_of(s[L.T], rate)
             if rate == 0.0 or now > slot:
                 slot = now
+                bring_up(s, c, out)
                 if recording:
                     pose_row(s, c, poses[count])
                     T.record_pose(s, out, count)
                 count += 1
+    bring_up(s, c, out)
     if recording:
         T.attend(s, out)
     return slot, count

@@ -12,6 +12,7 @@ from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.strapdown import BA, BG, DBA, DBG
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.covariance import bring_up
 from mavkf.navigation.disturbances import end_fault
 from mavkf.navigation.fusing import forget, note
 from mavkf.navigation.parameter import Parameter
@@ -96,6 +97,7 @@ def imu_in_use(s, e, c, out):
     note(out, NoteCode.IMU_CHANGED, s[L.T_IMU], t, silence, s[L.IMU_SOURCE], e[SOURCE])
     s[L.IMU_SOURCE] = e[SOURCE]
     s[L.PERIOD] = period
+    bring_up(s, c, out)
     s[L.ALIGN_COUNT] = 0.0
     for i in range(3):
         s[BG + i] = 0.0

@@ -11,6 +11,7 @@ import math
 from mavkf.compiled import kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
+from mavkf.navigation.covariance import bring_up
 from mavkf.navigation.fusing import note
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.slow_imu import enter, leave
@@ -29,8 +30,9 @@ def prior_odds(s, c):
 
 
 @kernel
-def begin_second(s, e, c):
+def begin_second(s, e, c, out):
     """Start the other model beside the one that leads, from the same state."""
+    bring_up(s, c, out)
     for i in range(L.HALF):
         s[L.HALF + i] = s[i]
     s[L.SECOND] = 1.0
@@ -80,7 +82,7 @@ def weigh_models(s, e, c, out):
     carried = s[L.MODEL] != L.CONSTANT_VELOCITY
     if s[L.SECOND] == 0.0:
         if carried and s[L.RESTING] == 0.0 and s[L.MODEL] == s[L.WANTED] and rate < c[Parameter.COMPARE_HZ]:
-            begin_second(s, e, c)
+            begin_second(s, e, c, out)
         elif fast:
             s[L.WANTED] = L.STRAPDOWN
         return

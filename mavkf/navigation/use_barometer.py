@@ -9,6 +9,7 @@ from mavkf.models import barometer
 from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.covariance import prepare
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import fuse
 from mavkf.navigation.heights import doubt_height, heights_agree
@@ -32,6 +33,7 @@ def use_barometer(s, e, c, out):
     if math.isfinite(s[L.T_BAROMETER]) and not s[L.T] > s[L.T_BAROMETER] + 1e-6:
         s[L.DUPLICATES] += 1.0
         return
+    prepare(s, e, c, out)
     if changed(s, e, out, NoteCode.BAROMETER_CHANGED, L.PRESSURE_USED, s[L.T_BAROMETER]):
         s[L.BAROMETER_KNOWN] = 0.0
         s[L.SCALE_BARO] = 1.0

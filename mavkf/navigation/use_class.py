@@ -17,6 +17,7 @@ from mavkf.models.strapdown import HEIGHT, Q, V
 from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
+from mavkf.navigation.covariance import bring_up, prepare
 from mavkf.navigation.fusing import fuse_lasting, widen
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
@@ -111,6 +112,7 @@ def use_class(s, e, c, out):
         return
     dt = s[L.T] - s[L.T_CLASS] if math.isfinite(s[L.T_CLASS]) else period
     s[L.T_CLASS] = s[L.T]
+    bring_up(s, c, out)
     C = matrix(3, 3)
     rotation_matrix(s[Q : Q + 4], C)
     if c[Parameter.CLASS] == ROVER:
@@ -262,6 +264,7 @@ def use_airspeed(s, e, c, out):
     if not shown > LEAST_AIRSPEED:
         return
     s[L.T_AIRSPEED] = s[L.T]
+    prepare(s, e, c, out)
     x = s[L.X : L.P]
     C = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C)

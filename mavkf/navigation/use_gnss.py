@@ -22,6 +22,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import STILL_SPEED, doubt_stillness
 from mavkf.navigation.antenna import mounting
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.covariance import prepare
 from mavkf.navigation.disturbances import end_fault
 from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING, fuse, fuse_lasting, note
 from mavkf.navigation.heights import compare_heights
@@ -84,6 +85,7 @@ def use_gnss(s, e, c, out):
     if not e[TIME] > s[b + L.F_T] + 1e-6 and math.isfinite(s[b + L.F_T]):
         s[L.DUPLICATES] += 1.0
         return
+    prepare(s, e, c, out)
     if not e[TIME] - s[b + L.F_T] <= SILENT:
         s[b + L.F_SINCE] = e[TIME]
     s[b + L.F_T_BEFORE] = s[b + L.F_T]

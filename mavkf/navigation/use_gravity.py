@@ -10,6 +10,7 @@ from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, VEL, Q, V
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Reason, Sensor
+from mavkf.navigation.covariance import bring_up
 from mavkf.navigation.fusing import fuse
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.yaw_bank import relevel_bank
@@ -41,6 +42,7 @@ def level(s, e, c, out):
         return
     since = s[L.T] - s[L.T_GRAVITY] if math.isfinite(s[L.T_GRAVITY]) else LEVEL_PERIOD
     s[L.T_GRAVITY] = s[L.T]
+    bring_up(s, c, out)
     C = matrix(3, 3)
     rotation_matrix(x[Q : Q + 4], C)
     f = vector(3)
@@ -96,6 +98,7 @@ def rest(s, e, c, out, gyro, accel):
     if s[L.T] < s[L.T_REST] + REST_PERIOD - 1e-6:
         return
     s[L.T_REST] = s[L.T]
+    bring_up(s, c, out)
     x = s[L.X : L.P]
     r = vector(3)
     H = zero_matrix(3, int(s[L.STATES]))

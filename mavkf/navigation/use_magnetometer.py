@@ -12,6 +12,7 @@ from mavkf.models.strapdown import DIRON, EARTH_FIELD, IRON, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
+from mavkf.navigation.covariance import bring_up, prepare
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.learning import learn
@@ -43,6 +44,7 @@ def use_magnetometer(s, e, c, out):
         return
     if changed(s, e, out, NoteCode.MAGNETOMETER_CHANGED, L.FIELD_USED, s[L.T_FIELD]):
         # another instrument: what the vehicle does to it is not known
+        bring_up(s, c, out)
         for i in range(3):
             s[IRON + i] = 0.0
         forget(s, DIRON, 3, c[Parameter.IRON] ** 2)
@@ -58,6 +60,7 @@ def use_magnetometer(s, e, c, out):
     s[k], s[k + 1], s[k + 2] = mx, my, mz
     if not math.isfinite(s[L.DECLINATION]) or s[L.T] < s[L.T_MAGNETOMETER] + PERIOD:
         return
+    prepare(s, e, c, out)
     strength = math.sqrt(mx * mx + my * my + mz * mz)
     disturbed = not STRENGTH_MINIMUM < strength < STRENGTH_MAXIMUM
     x = s[L.X : L.P]
