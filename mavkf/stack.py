@@ -8,8 +8,10 @@
     copy(a, b)                    all numbers of b to a, which has as many and is not part of it
 
 They live until the kernel that asked for them returns, so they must not be returned. A size is a constant, by its own
-name or number (what is computed of constants is none for numba), or at most `MOST`; else ValueError. Inside numba a temporary costs a call of the allocator, and each use of an array that may be
-somebody's an atomic instruction or two; the optimiser keeps most of these in registers.
+name or number (what is computed of constants is none for numba), or at most `MOST`; else ValueError.
+
+Inside numba a temporary costs a call of the allocator, and each use of an array that may be somebody's an atomic
+instruction or two; the optimiser keeps most of these in registers.
 """
 
 from typing import Any

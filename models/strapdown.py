@@ -44,25 +44,27 @@ X_SIZE = 27
 
 THETA, VEL, POS, DBG, DBA, DBARO, DGNSS, DDELAY, DFIELD, DIRON = 0, 3, 6, 9, 12, 15, 16, 19, 20, 23
 N = 26
+SUMS = 51  # integrals over an interval, of which its transition is made
 TOP = 15  # error states that the rotation, velocity and position rows depend on
 
 
 @kernel
 def rates_of_frame(x, out):
-    """Angular rates of n in n (rad/s): out[0:3] = omega_in = omega_ie + omega_en, out[3:6] = omega_ie; returns g (m/s^2).
+    """Fill out (9,): omega_in = omega_ie + omega_en and omega_ie in n (rad/s), g (m/s^2), and two radii plus height (m); returns g.
 
-    x: nominal state. Raises nothing; near the poles the transport rate grows without bound (such positions are refused earlier).
+    The radii of curvature are the meridian and the transverse one. x: nominal state. Raises nothing; near the poles the transport rate grows without bound (such positions are refused earlier).
     """
-    latitude = x[LATITUDE]
+    latitude, h = x[LATITUDE], x[HEIGHT]
+    sine, cosine = math.sin(latitude), math.cos(latitude)
     meridian, transverse = radii(latitude)
-    h = x[HEIGHT]
-    out[3] = EARTH_RATE * math.cos(latitude)
+    out[6], out[7], out[8] = gravity(latitude, h), meridian + h, transverse + h
+    out[3] = EARTH_RATE * cosine
     out[4] = 0.0
-    out[5] = -EARTH_RATE * math.sin(latitude)
-    out[0] = out[3] + x[V + 1] / (transverse + h)
-    out[1] = -x[V] / (meridian + h)
-    out[2] = out[5] - x[V + 1] * math.tan(latitude) / (transverse + h)
-    return gravity(latitude, h)
+    out[5] = -EARTH_RATE * sine
+    out[0] = out[3] + x[V + 1] / out[8]
+    out[1] = -x[V] / out[7]
+    out[2] = out[5] - x[V + 1] * sine / (cosine * out[8])
+    return out[6]
 
 
 @kernel
@@ -107,10 +109,10 @@ def propagate(x, imu0, imu1, dt, average):
     """Advance the nominal state by dt (s) with the samples at both ends of the interval, in place.
 
     imu0, imu1: (6,) angular rate omega_b (rad/s) and specific force f_b (m/s^2) as measured, biases not removed.
-    average: (21,), filled with what `transition` needs of the interval: f_n (3), C_nb at its middle (9), the rates of the frame (6),
+    average: (21,), filled with what `gather` needs of the interval: f_n (3), C_nb at its middle (9), the rates of the frame (6),
     g, and the radii plus height (2).
     """
-    frame = average[12:18]
+    frame = average[12:21]
     g = rates_of_frame(x, frame)
     C0 = matrix(3, 3)
     C1 = matrix(3, 3)
@@ -128,25 +130,50 @@ def propagate(x, imu0, imu1, dt, average):
     x[V] = v0 + dt * (average[0] - (ry * v2 - rz * v1))
     x[V + 1] = v1 + dt * (average[1] - (rz * v0 - rx * v2))
     x[V + 2] = v2 + dt * (average[2] - (rx * v1 - ry * v0) + g)
-    average[18] = g
-    meridian, transverse = radii(x[LATITUDE])
-    average[19] = meridian + x[HEIGHT]
-    average[20] = transverse + x[HEIGHT]
-    move(x, 0.5 * dt * (v0 + x[V]), 0.5 * dt * (v1 + x[V + 1]), 0.5 * dt * (v2 + x[V + 2]))
+    # as `move` does it, with the radii that are there
+    x[LONGITUDE] = wrap_angle(x[LONGITUDE] + 0.5 * dt * (v1 + x[V + 1]) / (average[20] * math.cos(x[LATITUDE])))
+    x[LATITUDE] += 0.5 * dt * (v0 + x[V]) / average[19]
+    x[HEIGHT] -= 0.5 * dt * (v2 + x[V + 2])
 
 
 @kernel
-def transition(x, average, dt, Phi):
-    """Rows of attitude, velocity and position of the transition matrix over dt: Phi, shape (9, TOP); the other rows are the identity.
+def gather(average, dt, sums):
+    """Add a step's averages (21,) over dt to the integrals `sums` (SUMS,) of an interval, zero at its begin, that `transition` is made of.
 
-    Second order in dt where the coupling is through the specific force, first order in the (slow) rates of the frame.
+    Of f_n: once and twice over time; of C_nb the same; of [f x] times the integral of C once and twice; and the last rates of the frame.
     """
-    Phi[:, :] = 0.0
     f = average[0:3]
     C = block(average, 3, 3, 3)
-    frame = average[12:18]
-    half = 0.5 * dt * dt
-    sixth = dt * dt * dt / 6.0
+    F, FF = sums[0:3], sums[3:6]
+    S, SS, D, DD = block(sums, 6, 3, 3), block(sums, 15, 3, 3), block(sums, 24, 3, 3), block(sums, 33, 3, 3)
+    half, sixth = 0.5 * dt * dt, dt * dt * dt / 6.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        FF[i] += F[i] * dt + f[i] * half
+        for m in range(3):
+            # ([f x] C)_im, and of the integral of C so far
+            cross = f[j] * C[k, m] - f[k] * C[j, m]
+            before = f[j] * S[k, m] - f[k] * S[j, m]
+            DD[i, m] += D[i, m] * dt + before * half + cross * sixth
+            D[i, m] += before * dt + cross * half
+    for i in range(3):
+        F[i] += f[i] * dt
+        for m in range(3):
+            SS[i, m] += S[i, m] * dt + C[i, m] * half
+            S[i, m] += C[i, m] * dt
+    for i in range(9):
+        sums[42 + i] = average[12 + i]
+
+
+@kernel
+def transition(x, sums, dt, Phi):
+    """Rows of attitude, velocity and position of the transition matrix over dt: Phi, shape (9, TOP); the other rows are the identity.
+
+    sums: of `gather`, over that time. All orders where the coupling is through the specific force, first order in the (slow) rates of the
+    frame.
+    """
+    Phi[:, :] = 0.0
+    F, FF, frame = sums[0:3], sums[3:6], sums[42:51]
     for i in range(3):
         Phi[THETA + i, THETA + i] = 1.0
         Phi[VEL + i, VEL + i] = 1.0
@@ -159,22 +186,21 @@ def transition(x, average, dt, Phi):
         Phi[THETA + i, THETA + k] = -frame[j] * dt
         Phi[VEL + i, VEL + j] += (frame[k] + frame[3 + k]) * dt
         Phi[VEL + i, VEL + k] -= (frame[j] + frame[3 + j]) * dt
-        Phi[VEL + i, THETA + j] = f[k] * dt
-        Phi[VEL + i, THETA + k] = -f[j] * dt
-        Phi[POS + i, THETA + j] = f[k] * half
-        Phi[POS + i, THETA + k] = -f[j] * half
+        Phi[VEL + i, THETA + j] = F[k]
+        Phi[VEL + i, THETA + k] = -F[j]
+        Phi[POS + i, THETA + j] = FF[k]
+        Phi[POS + i, THETA + k] = -FF[j]
         for m in range(3):
-            Phi[THETA + i, DBG + m] = -C[i, m] * dt
-            Phi[VEL + i, DBA + m] = -C[i, m] * dt
-            Phi[POS + i, DBA + m] = -C[i, m] * half
-            cross = f[j] * C[k, m] - f[k] * C[j, m]  # ([f x] C)_im
-            Phi[VEL + i, DBG + m] = cross * half
-            Phi[POS + i, DBG + m] = cross * sixth
+            Phi[THETA + i, DBG + m] = -sums[6 + 3 * i + m]
+            Phi[VEL + i, DBA + m] = -sums[6 + 3 * i + m]
+            Phi[POS + i, DBA + m] = -sums[15 + 3 * i + m]
+            Phi[VEL + i, DBG + m] = sums[24 + 3 * i + m]
+            Phi[POS + i, DBG + m] = sums[33 + 3 * i + m]
     # the frame turns with the velocity; gravity falls with height
-    Phi[THETA, VEL + 1] = -dt / average[20]
-    Phi[THETA + 1, VEL] = dt / average[19]
-    Phi[THETA + 2, VEL + 1] = dt * math.tan(x[LATITUDE]) / average[20]
-    Phi[VEL + 2, POS + 2] = 2.0 * average[18] / SEMI_MAJOR_AXIS * dt
+    Phi[THETA, VEL + 1] = -dt / frame[8]
+    Phi[THETA + 1, VEL] = dt / frame[7]
+    Phi[THETA + 2, VEL + 1] = dt * math.tan(x[LATITUDE]) / frame[8]
+    Phi[VEL + 2, POS + 2] = 2.0 * frame[6] / SEMI_MAJOR_AXIS * dt
 
 
 @kernel

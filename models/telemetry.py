@@ -18,9 +18,9 @@ import math
 
 from mavkf.compiled import kernel
 from mavkf.models import strapdown
-from mavkf.models.earth import SEMI_MAJOR_AXIS, radii
+from mavkf.models.earth import SEMI_MAJOR_AXIS
 from mavkf.models.rotation import rotation_matrix
-from mavkf.models.strapdown import BG, DBG, HEIGHT, LATITUDE, Q, V, move, rates_of_frame
+from mavkf.models.strapdown import BG, DBG, LATITUDE, Q, V, move, rates_of_frame
 from mavkf.stack import copy, matrix, vector, zero_matrix, zero_vector
 
 OMEGA, FORCE = strapdown.X_SIZE, strapdown.X_SIZE + 3
@@ -127,11 +127,10 @@ def propagate(x, dt, tau, Qc, Phi, Qd):
 
     tau: (2,) time constants of rate and force, s; Qc: (M,) spectral densities of white noise on each state's rate.
     """
-    frame = vector(6)
+    frame = vector(9)
     g = rates_of_frame(x, frame)
     place_of = vector(3)
-    meridian, transverse = radii(x[LATITUDE])
-    place_of[0], place_of[1], place_of[2] = x[LATITUDE], meridian + x[HEIGHT], transverse + x[HEIGHT]
+    place_of[0], place_of[1], place_of[2] = x[LATITUDE], frame[7], frame[8]
     y = zero_vector(Y)
     for i in range(4):
         y[i] = x[Q + i]

@@ -3,8 +3,8 @@
     S = H P H' + R,   K = P H' S^-1,   P <- (I - K H) P (I - K H)' + K R K'
 
 Bucy and Joseph, "Filtering for Stochastic Processes with Applications to Guidance" (1968); Maybeck, "Stochastic Models, Estimation, and
-Control", vol. 1 (1979), eq. 5-96. Order n^2 m. Preserves symmetry (the upper triangle is mirrored) and, unlike (I - K H) P, positive
-semi-definiteness for any gain. The first functions are the estimator's: its own gain, gate and considered states lie between them. The
+Control", vol. 1 (1979), eq. 5-96. Order n^2 m. Preserves symmetry and, unlike (I - K H) P, positive semi-definiteness for any
+gain. The first functions are the estimator's: its own gain, gate and considered states lie between them. The
 last four are the contract of all forms; the form's own array is P itself, shape (n, n).
 """
 
@@ -39,9 +39,42 @@ def innovation_covariance(P, H, R, PHt, S):
 
 
 @kernel
+def invert_three(S, inverse):
+    """What `invert` does, for m = 3."""
+    if not S[0, 0] > 0.0:
+        return 0.0
+    a = math.sqrt(S[0, 0])
+    b, d = S[1, 0] / a, S[2, 0] / a
+    square = S[1, 1] - b * b
+    if not square > 0.0:
+        return 0.0
+    c = math.sqrt(square)
+    e = (S[2, 1] - d * b) / c
+    last = S[2, 2] - d * d - e * e
+    if not last > 0.0:
+        return 0.0
+    # L = (a; b, c; d, e, f), its inverse (p; q, t; u, v, w)
+    p, t, w = 1.0 / a, 1.0 / c, 1.0 / math.sqrt(last)
+    q = -b * p * t
+    u, v = -(d * p + e * q) * w, -e * t * w
+    inverse[0, 0] = p * p + q * q + u * u
+    inverse[1, 0] = inverse[0, 1] = q * t + u * v
+    inverse[2, 0] = inverse[0, 2] = u * w
+    inverse[1, 1] = t * t + v * v
+    inverse[2, 1] = inverse[1, 2] = v * w
+    inverse[2, 2] = w * w
+    return S[0, 0] * square * last
+
+
+@kernel
 def invert(S, inverse):
     """Inverse of a symmetric positive definite matrix (m, m) by Cholesky; returns the determinant, 0 where it is not positive definite."""
     m = S.shape[0]
+    if m == 1:
+        inverse[0, 0] = 1.0 / S[0, 0]
+        return S[0, 0] if S[0, 0] > 0.0 else 0.0
+    if m == 3:
+        return invert_three(S, inverse)
     determinant = 1.0
     # the factor L, S = L L', in the lower triangle
     for i in range(m):
@@ -99,18 +132,16 @@ def quadratic(inverse, r):
 
 
 @kernel
-def correct(P, H, R, PHt, inverse, r, dx, K, M, considered, first):
-    """Fill the gain K (n, m) and dx = K r (n,), and update P in place; PHt and the inverse of S as computed before.
-
-    M: (n, m), to work in.
+def correct(P, PHt, S, inverse, r, dx, K, work, considered, first):
+    """Fill the gain K (n, m) and dx = K r (n,), and update P in place; PHt, S and its inverse as computed before.
 
     considered: a state whose gain is zero (-1: none), as are those of all states before `first`: its uncertainty counts, its value is
-    left alone (Schmidt's consider filter:
-    Jazwinski, "Stochastic Processes and Filtering Theory", section 8.3). The Joseph product holds for any gain.
+    left alone (Schmidt's consider filter: Jazwinski, "Stochastic Processes and Filtering Theory", section 8.3). work: (2 m, n).
 
-    With P1 = P - K (P H')' the Joseph product is P1 - (P1 H' - K R) K', which costs two rank-m updates.
+    The Joseph product, which holds for any gain, multiplied out: P - K U' - U K' with U = P H' - K S / 2. Computed so it is symmetric to the
+    bit.
     """
-    m, n = H.shape
+    n, m = PHt.shape
     for i in range(n):
         total = 0.0
         for b in range(m):
@@ -122,31 +153,31 @@ def correct(P, H, R, PHt, inverse, r, dx, K, M, considered, first):
             K[i, b] = gain
             total += gain * r[b]
         dx[i] = total
+    # K and U as rows, so that what follows runs along them
     for b in range(m):
         for i in range(n):
-            for j in range(n):
-                P[i, j] -= K[i, b] * PHt[j, b]
-    # P1 H' by the rows of P1: with a considered state it is not symmetric, so the columns would not do
-    for b in range(m):
-        for i in range(n):
-            M[i, b] = 0.0
-        for j in range(n):
-            h = H[b, j]
-            if h != 0.0:
-                for i in range(n):
-                    M[i, b] += P[i, j] * h
-        for i in range(n):
+            u = PHt[i, b]
             for a in range(m):
-                M[i, b] -= K[i, a] * R[a, b]
-    for b in range(m):
+                u -= 0.5 * K[i, a] * S[a, b]
+            work[b, i] = K[i, b]
+            work[m + b, i] = u
+    if m == 3:
+        # P is read and written once
         for i in range(n):
+            k0, k1, k2 = work[0, i], work[1, i], work[2, i]
+            u0, u1, u2 = work[3, i], work[4, i], work[5, i]
             for j in range(n):
-                P[i, j] -= M[i, b] * K[j, b]
-    for i in range(n):
-        for j in range(i):
-            mean = 0.5 * (P[i, j] + P[j, i])
-            P[i, j] = mean
-            P[j, i] = mean
+                P[i, j] -= (
+                    (k0 * work[3, j] + u0 * work[0, j])
+                    + (k1 * work[4, j] + u1 * work[1, j])
+                    + (k2 * work[5, j] + u2 * work[2, j])
+                )
+    else:
+        for b in range(m):
+            for i in range(n):
+                k, u = work[b, i], work[m + b, i]
+                for j in range(n):
+                    P[i, j] -= k * work[m + b, j] + u * work[b, j]
 
 
 @compiled
@@ -186,4 +217,4 @@ def update(A, H, r, dx):
         for a in range(m):
             for b in range(m):
                 inverse[a, b] = np.nan  # P is not a covariance: said by what comes out, not hidden
-    correct(A, H, R, PHt, inverse, r, dx, np.empty((n, m)), np.empty((n, m)), -1, 0)
+    correct(A, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 0)

@@ -1,19 +1,20 @@
 """The covariance over an interval: it follows the estimate when somebody asks for it, not at each sample.
 
-An estimate is needed at every sample; its covariance where a measurement is fused and where a pose is told. In between the transitions of
-the steps are multiplied up, which costs a tenth, and their noise is summed.
+An estimate is needed at every sample; its covariance where a measurement is fused and where a pose is told. In between what its
+transition is made of is summed, and the noise.
 """
 
 import math
 
 from mavkf.compiled import kernel
-from mavkf.models.strapdown import DBA, DBARO, DBG, DDELAY, DGNSS, GNSS, THETA, TOP, VEL
+from mavkf.models import constant_velocity, strapdown
+from mavkf.models.strapdown import DBA, DBARO, DBG, DDELAY, DGNSS, GNSS, SUMS, THETA, TOP, VEL
 from mavkf.navigation import layout as L
 from mavkf.navigation.monitors import follow_decay, follow_transition
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.tape import is_detailed, is_recording, record_noise, record_transition
 from mavkf.navigation.tape_detail import record_snapshot
-from mavkf.stack import block, copy, matrix, vector, zero_matrix
+from mavkf.stack import matrix, vector
 
 RHYTHM = 50.0  # Hz: as often as poses are told; over 20 ms the noise is as good as white
 
@@ -44,17 +45,19 @@ def add_noise(s, c, gyro, accel, dt, P):
 def propagate_covariance(P, Phi):
     """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity."""
     n = P.shape[0]
-    A = zero_matrix(9, n)
+    A = matrix(9, n)
     for i in range(9):
-        for k in range(TOP):
-            p = Phi[i, k]
-            if p != 0.0:
-                for j in range(n):
-                    A[i, j] += p * P[k, j]
-    for i in range(9):
-        for j in range(9, n):
-            P[i, j] = A[i, j]
-            P[j, i] = A[i, j]
+        p0, p1, p2, p3, p4 = Phi[i, 0], Phi[i, 1], Phi[i, 2], Phi[i, 3], Phi[i, 4]
+        p5, p6, p7, p8, p9 = Phi[i, 5], Phi[i, 6], Phi[i, 7], Phi[i, 8], Phi[i, 9]
+        p10, p11, p12, p13, p14 = Phi[i, 10], Phi[i, 11], Phi[i, 12], Phi[i, 13], Phi[i, 14]
+        for j in range(n):
+            # written out (TOP terms), so that it is done for several j at once
+            A[i, j] = (
+                ((p0 * P[0, j] + p1 * P[1, j]) + (p2 * P[2, j] + p3 * P[3, j]))
+                + ((p4 * P[4, j] + p5 * P[5, j]) + (p6 * P[6, j] + p7 * P[7, j]))
+                + ((p8 * P[8, j] + p9 * P[9, j]) + (p10 * P[10, j] + p11 * P[11, j]))
+                + ((p12 * P[12, j] + p13 * P[13, j]) + p14 * P[14, j])
+            )
     for i in range(9):
         for j in range(i, 9):
             total = 0.0
@@ -62,19 +65,23 @@ def propagate_covariance(P, Phi):
                 total += A[i, k] * Phi[j, k]
             P[i, j] = total
             P[j, i] = total
+        for j in range(9, n):
+            P[i, j] = A[i, j]
+            P[j, i] = A[i, j]
 
 
 @kernel
-def colour_decay(s, i, dt):
-    """The factor by which axis i of the coloured GNSS error has fallen off after dt: exp(-dt / tau)."""
-    return math.exp(-dt / s[L.COLOUR_TIME + i // 2])
+def colour_decay(s, k, dt):
+    """The factor by which the coloured GNSS error has fallen off after dt: exp(-dt / tau), horizontal (k = 0) or vertical (1)."""
+    return math.exp(-dt / s[L.COLOUR_TIME + k])
 
 
 @kernel
 def decay_colour(s, dt, P):
     """The coloured error in P falls off, and is renewed: phi^2 P + (1 - phi^2) sigma^2."""
+    horizontal, vertical = colour_decay(s, 0, dt), colour_decay(s, 1, dt)
     for i in range(3):
-        phi = colour_decay(s, i, dt)
+        phi = horizontal if i < 2 else vertical
         for j in range(P.shape[0]):
             P[DGNSS + i, j] *= phi
         for j in range(P.shape[0]):
@@ -85,38 +92,36 @@ def decay_colour(s, dt, P):
 @kernel
 def decay_estimate(s, dt):
     """The estimate of the coloured error falls off, and the effects of faults on it: e <- phi e."""
-    for i in range(3):
-        phi = colour_decay(s, i, dt)
-        s[GNSS + i] *= phi
-        if i > 0:
-            follow_decay(s, i // 2, phi)
+    horizontal, vertical = colour_decay(s, 0, dt), colour_decay(s, 1, dt)
+    s[GNSS] *= horizontal
+    s[GNSS + 1] *= horizontal
+    s[GNSS + 2] *= vertical
+    follow_decay(s, 0, horizontal)
+    follow_decay(s, 1, vertical)
 
 
 @kernel
-def multiply_up(before, Phi, is_first):
-    """before <- Phi before, of transitions given by their rows (9, TOP) that are not the identity's."""
-    if is_first:
-        copy(before, Phi)
-        return
-    product = matrix(9, TOP)
-    for i in range(9):
-        for j in range(TOP):
-            product[i, j] = Phi[i, j] if j >= 9 else 0.0
-        for k in range(9):
-            p = Phi[i, k]
-            if p != 0.0:
-                for j in range(TOP):
-                    product[i, j] += p * before[k, j]
-    copy(before, product)
+def transition_behind(s, Phi):
+    """Fill Phi (9, TOP) with the transition of the time by which the covariance is behind, in which neither model nor rest have changed."""
+    sums = s[L.BEHIND_SUMS : L.BEHIND_SUMS + SUMS]
+    if s[L.MODEL] == L.STRAPDOWN:
+        strapdown.transition(s[L.X : L.P], sums, s[L.BEHIND], Phi)
+    else:
+        constant_velocity.transition(s[L.X : L.P], sums, s[L.BEHIND], Phi)
+    if s[L.RESTING] != 0.0:
+        # the gyro was not asked, so its bias did no harm
+        for i in range(9):
+            for j in range(3):
+                Phi[i, DBG + j] = 0.0
 
 
 @kernel
-def predict_covariance(s, c, P):
-    """Advance P, which is behind, to the state's time: half of the noise before the transition, half after (second order in time)."""
+def predict_covariance(s, c, Phi, P):
+    """Advance P by the time it is behind, with its transition Phi: half of the noise before, half after (second order in time)."""
     dt = s[L.BEHIND]
     gyro, accel = 0.5 * s[L.BEHIND_GYRO], 0.5 * s[L.BEHIND_ACCEL]
     add_noise(s, c, gyro, accel, 0.5 * dt, P)
-    propagate_covariance(P, block(s, L.BEHIND_PHI, 9, TOP))
+    propagate_covariance(P, Phi)
     add_noise(s, c, gyro, accel, 0.5 * dt, P)
     decay_colour(s, dt, P)
 
@@ -127,7 +132,7 @@ def record_added(s, c, gyro, accel, dt, decaying, out):
     q = vector(int(s[L.STATES]))
     added_noise(s, c, gyro, accel, dt, q)
     for i in range(3):
-        phi = colour_decay(s, i, decaying)
+        phi = colour_decay(s, i // 2, decaying)
         q[DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
     record_noise(out, q.shape[0], q)
 
@@ -138,8 +143,10 @@ def bring_up(s, c, out):
     dt = s[L.BEHIND]
     if dt == 0.0:
         return
-    predict_covariance(s, c, L.covariance(s))
-    Phi = block(s, L.BEHIND_PHI, 9, TOP)
+    Phi = matrix(9, TOP)
+    transition_behind(s, Phi)
+    predict_covariance(s, c, Phi, L.covariance(s))
+    decay_estimate(s, dt)
     follow_transition(s, Phi)
     if is_recording(out):
         gyro, accel = 0.5 * s[L.BEHIND_GYRO], 0.5 * s[L.BEHIND_ACCEL]
@@ -151,6 +158,7 @@ def bring_up(s, c, out):
     s[L.BEHIND] = 0.0
     s[L.BEHIND_GYRO] = 0.0
     s[L.BEHIND_ACCEL] = 0.0
+    s[L.BEHIND_SUMS : L.BEHIND_SUMS + SUMS] = 0.0
 
 
 @kernel

@@ -39,7 +39,7 @@ from mavkf.navigation.use_barometer import use_barometer
 from mavkf.navigation.use_class import use_airspeed, use_class
 from mavkf.navigation.use_gnss import use_gnss
 from mavkf.navigation.use_gravity import level, rest
-from mavkf.navigation.use_magnetometer import use_magnetometer
+from mavkf.navigation.use_magnetometer import is_passed_over, use_magnetometer
 from mavkf.samples import BASE_MODE, KIND, SOURCE, TIME
 from mavkf.stack import copy, vector
 
@@ -268,6 +268,8 @@ def fold_one(s, e, c, out):
         return
     else:
         flowing = math.isfinite(s[L.T_IMU]) and e[TIME] - s[L.T_IMU] <= max(c[Parameter.GAP], 3.0 * s[L.PERIOD])
+        if flowing and kind == MAGNETOMETER_KIND and s[L.ALIGNED] != 0.0 and is_passed_over(s, e):
+            return
         if flowing and int(s[L.PENDING_COUNT]) < L.PENDING_CAPACITY:
             k = L.PENDING + int(s[L.PENDING_COUNT]) * L.EVENT_WIDTH
             for i in range(L.EVENT_WIDTH):

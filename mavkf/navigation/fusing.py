@@ -146,7 +146,7 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     recording = is_recording(out)
     if recording:
         attend(s, out)
-    correct(P, H, R_lasting, PHt, inverse, r, dx, K, matrix(n, m), considered, int(s[L.CORRECT_FROM]))
+    correct(P, PHt, S, inverse, r, dx, K, matrix(6, n), considered, int(s[L.CORRECT_FROM]))
     watch(s, e, sensor, r, H, inverse, K, nis, sensor <= Sensor.BAROMETER.value and not lasts)
     retract(s[L.X : L.P], dx)
     if recording:

@@ -48,7 +48,7 @@ def follow_smoothness(s, e, second):
     for i in range(6):
         runs = runs or s[L.LAST_DIFFERENCE + i] != 0.0
         turns = turns or (i < 3 and abs(s[L.IMU + i]) > TURNS)
-    moves = turns or (runs and math.hypot(s[L.GNSS_SPEED], s[L.GNSS_SPEED + 1]) > MOVES)
+    moves = turns or (runs and s[L.GNSS_SPEED] ** 2 + s[L.GNSS_SPEED + 1] ** 2 > MOVES**2)
     s[L.SMOOTH] = s[L.SMOOTH] + 1.0 if smooth and moves else 0.0
 
 

@@ -8,7 +8,7 @@ exact up to 2^53.
 import numpy as np
 
 from mavkf.compiled import INTEGERS, MATRIX, VECTOR, compiled, several
-from mavkf.models.strapdown import TOP
+from mavkf.models.strapdown import SUMS, TOP
 from mavkf.models.vehicle_class import STATES_MOST, X_SIZE
 from mavkf.navigation.codes import FAULTS, NOTE_CODES
 from mavkf.samples import ROW_WIDTH
@@ -169,17 +169,19 @@ _suspicion = FAULT_BOOK + 3 * FAULTS
 SINCE_UPDATE = (
     _suspicion + 13
 )  # since the effects were carried along last: transition (9, TOP), and decay of the coloured error (2)
-# Effects of hypothetical faults on the estimate: see `monitors`. Each: start, J (3, 3), c (3), f (STATES_MOST, 3).
-H_SINCE, H_J, H_C, H_F = 0, 1, 10, 13
-HYPOTHESIS = 13 + 3 * STATES_MOST
+# Hypothetical faults, see `monitors`. Each: start, J (3, 3), c (3). Then the effects of all on the estimate (STATES_MOST, COLUMNS).
+H_SINCE, H_J, H_C = 0, 1, 10
+HYPOTHESIS = 13
 HYPOTHESES = 15
 MONITORS = SINCE_UPDATE + 9 * TOP + 2
-BEHIND = MONITORS + HYPOTHESES * HYPOTHESIS  # s by which the covariance is behind T: see `propagation.bring_up`
+EFFECTS = MONITORS + HYPOTHESES * HYPOTHESIS
+COLUMNS = 3 * HYPOTHESES
+BEHIND = EFFECTS + STATES_MOST * COLUMNS  # s by which the covariance is behind T: see `propagation.bring_up`
 BEHIND_GYRO = BEHIND + 1  # rad^2, the noise of that time
 BEHIND_ACCEL = BEHIND + 2  # (m/s)^2
 BROUGHT_UP = BEHIND + 3  # number of the interval in which that was done last
-BEHIND_PHI = BEHIND + 4  # and its transition (9, TOP)
-PENDING = BEHIND_PHI + 9 * TOP
+BEHIND_SUMS = BEHIND + 4  # and the integrals of which its transition is made
+PENDING = BEHIND_SUMS + SUMS
 PENDING_CAPACITY = 32
 HALF = PENDING + PENDING_CAPACITY * EVENT_WIDTH
 STATE_SIZE = 2 * HALF  # all of it twice: see SECOND

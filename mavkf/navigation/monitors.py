@@ -45,6 +45,7 @@ SUDDEN = 6  # the hypothesis of a velocity that lies from the fix on at which it
 SURPRISE = 4.0  # NIS per degree of freedom that begins it anew
 SUDDEN_AGE, SUDDEN_RATIO = 12.0, 12.0  # s; or where it does not follow anything likely
 TRANSITION = 9 * TOP  # numbers of a transition
+COLUMNS = L.COLUMNS
 CLIP = (
     20.0  # NIS beyond which an innovation counts no more than one of this size: an outlier is no evidence of what lasts
 )
@@ -63,11 +64,9 @@ def hypothesis(h):
 
 
 @compiled
-def effect(s, h):
-    """The shift f (STATES, 3) of the estimate by a unit fault of hypothesis h, as a view."""
-    b = hypothesis(h) + L.H_F
-    n = int(s[L.STATES])
-    return block(s, b, n, 3)
+def effects(s):
+    """The shifts f (STATES, COLUMNS) of the estimate by unit faults, as a view: columns 3 h to 3 h + 2 are those of hypothesis h."""
+    return block(s, L.EFFECTS, int(s[L.STATES]), L.COLUMNS)
 
 
 @kernel
@@ -93,13 +92,16 @@ def carry_nothing(s):
 def begin_one(s, h):
     """Begin hypothesis h at the state's time."""
     b = hypothesis(h)
+    f = effects(s)
     for i in range(L.HYPOTHESIS):
         s[b + i] = 0.0
     s[b + L.H_SINCE] = s[L.T]
-    for i in range(3):
-        s[b + L.H_J + 4 * i] = 1.0 / FAULT_SIGMA[KIND[h]] ** 2
+    for a in range(3):
+        for i in range(f.shape[0]):
+            f[i, 3 * h + a] = 0.0
+        s[b + L.H_J + 4 * a] = 1.0 / FAULT_SIGMA[KIND[h]] ** 2
         if KIND[h] >= GYRO:
-            s[b + L.H_F + 3 * ((DBG if KIND[h] == GYRO else DBA) + i) + i] = -1.0
+            f[(DBG if KIND[h] == GYRO else DBA) + a, 3 * h + a] = -1.0
 
 
 @kernel
@@ -163,23 +165,52 @@ def follow_decay(s, axis, phi):
 @kernel
 def carry_effects(s):
     """Carry all effects along to the state's time."""
-    k = L.SINCE_UPDATE
-    top = vector(9)
-    for h in range(L.HYPOTHESES):
-        if not math.isfinite(s[hypothesis(h)]):
-            continue
-        f = effect(s, h)
-        for a in range(3):
-            for i in range(9):
-                total = 0.0
-                for j in range(TOP):
-                    total += s[k + TOP * i + j] * f[j, a]
-                top[i] = total
-            for i in range(9):
-                f[i, a] = top[i]
-            for i in range(3):
-                f[DGNSS + i, a] *= s[k + 9 * TOP + i // 2]
+    Phi = block(s, L.SINCE_UPDATE, 9, TOP)
+    f = effects(s)
+    top = matrix(9, COLUMNS)
+    for i in range(9):
+        for column in range(COLUMNS):
+            top[i, column] = 0.0
+        for j in range(TOP):
+            p = Phi[i, j]
+            if p != 0.0:
+                for column in range(COLUMNS):
+                    top[i, column] += p * f[j, column]
+    for i in range(9):
+        for column in range(COLUMNS):
+            f[i, column] = top[i, column]
+    for i in range(3):
+        phi = s[L.SINCE_UPDATE + 9 * TOP + i // 2]
+        for column in range(COLUMNS):
+            f[DGNSS + i, column] *= phi
     carry_nothing(s)
+
+
+@kernel
+def shown_by(s, e, sensor, H, G):
+    """Fill G (m, COLUMNS) with what unit faults do to the innovation of a sensor (value of a Sensor): D - H f. H: (m, n)."""
+    m, n = H.shape
+    f = effects(s)
+    for a in range(m):
+        for column in range(COLUMNS):
+            G[a, column] = 0.0
+        for i in range(n):
+            h = H[a, i]
+            if h != 0.0:
+                for column in range(COLUMNS):
+                    G[a, column] -= h * f[i, column]
+    if e[SOURCE] != s[L.MAIN]:
+        return
+    if sensor == Sensor.GNSS_POSITION.value:
+        for h in range(L.HYPOTHESES):
+            if KIND[h] == RAMP:
+                for a in range(m):
+                    G[a, 3 * h + a + 3 - m] += s[L.T] - s[hypothesis(h)]  # one component: the height alone
+    elif sensor == Sensor.GNSS_VELOCITY.value:
+        for h in range(L.HYPOTHESES):
+            if KIND[h] == VELOCITY:
+                for a in range(m):
+                    G[a, 3 * h + a] += 1.0
 
 
 @kernel
@@ -193,42 +224,30 @@ def watch(s, e, sensor, r, H, inverse, K, nis, tells):
     carry_effects(s)
     m, n = H.shape
     weight = 1.0 if nis <= CLIP else CLIP / nis
-    main = e[SOURCE] == s[L.MAIN]
-    G = matrix(m, 3)
-    W = matrix(m, 3)
-    for h in range(L.HYPOTHESES):
-        b = hypothesis(h)
-        if not math.isfinite(s[b]):
-            continue
-        f = effect(s, h)
+    G = matrix(3, COLUMNS)
+    W = matrix(3, COLUMNS)
+    shown_by(s, e, sensor, H, G)
+    if tells:
         for a in range(m):
-            for j in range(3):
-                G[a, j] = 0.0
-            for i in range(n):
-                if H[a, i] != 0.0:
-                    for j in range(3):
-                        G[a, j] -= H[a, i] * f[i, j]
-        if main and KIND[h] == RAMP and sensor == Sensor.GNSS_POSITION.value:
-            for a in range(m):
-                G[a, a + 3 - m] += s[L.T] - s[b]  # one component: the height alone
-        elif main and KIND[h] == VELOCITY and sensor == Sensor.GNSS_VELOCITY.value:
-            for a in range(m):
-                G[a, a] += 1.0
-        if tells:
-            for a in range(m):
-                for j in range(3):
-                    W[a, j] = 0.0
-                    for k in range(m):
-                        W[a, j] += weight * inverse[a, k] * G[k, j]
+            for column in range(COLUMNS):
+                W[a, column] = 0.0
+            for k in range(m):
+                w = weight * inverse[a, k]
+                for column in range(COLUMNS):
+                    W[a, column] += w * G[k, column]
+        for h in range(L.HYPOTHESES):
+            b = hypothesis(h)
             for i in range(3):
                 for a in range(m):
-                    s[b + L.H_C + i] += W[a, i] * r[a]
+                    s[b + L.H_C + i] += W[a, 3 * h + i] * r[a]
                     for j in range(3):
-                        s[b + L.H_J + 3 * i + j] += G[a, i] * W[a, j]
-        for i in range(n):
-            for a in range(m):
-                for j in range(3):
-                    f[i, j] += K[i, a] * G[a, j]
+                        s[b + L.H_J + 3 * i + j] += G[a, 3 * h + i] * W[a, 3 * h + j]
+    f = effects(s)
+    for i in range(n):
+        for a in range(m):
+            gain = K[i, a]
+            for column in range(COLUMNS):
+                f[i, column] += gain * G[a, column]
 
 
 @kernel

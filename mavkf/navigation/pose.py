@@ -6,10 +6,10 @@ import numpy as np
 
 from mavkf.compiled import kernel
 from mavkf.models.rotation import euler_angles
-from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, VEL, Q, V, offset
+from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, TOP, VEL, Q, V, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Flag, ModeCode, NoteCode
-from mavkf.navigation.covariance import predict_covariance
+from mavkf.navigation.covariance import predict_covariance, transition_behind
 from mavkf.navigation.disturbances import is_on
 from mavkf.navigation.protection import protection_levels
 from mavkf.navigation.receivers import book_of
@@ -97,11 +97,21 @@ def sigma_euler(P, q, euler, out):
 @kernel
 def pose_row(s, c, row):
     """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""
+    if s[L.BEHIND] == 0.0:
+        pose_row_with(s, c, L.covariance(s), row)
+        return
     n = int(s[L.STATES])
     P = matrix(n, n)
+    Phi = matrix(9, TOP)
     copy(P, L.covariance(s))
-    if s[L.BEHIND] > 0.0:
-        predict_covariance(s, c, P)
+    transition_behind(s, Phi)
+    predict_covariance(s, c, Phi, P)
+    pose_row_with(s, c, P, row)
+
+
+@kernel
+def pose_row_with(s, c, P, row):
+    """What `pose_row` does, with the covariance P (n, n) of now."""
     valid = valid_of(s, P)
     row[:] = np.nan
     row[L.R_TIME] = s[L.T]

@@ -19,14 +19,14 @@ from mavkf.models.strapdown import (
     HEIGHT,
     LATITUDE,
     POS,
+    SUMS,
     THETA,
-    TOP,
     VEL,
     N,
     Q,
 )
 from mavkf.navigation import layout as L
-from mavkf.navigation.covariance import bring_up, decay_estimate, multiply_up
+from mavkf.navigation.covariance import bring_up
 from mavkf.navigation.disturbances import begin_faults
 from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
@@ -35,7 +35,7 @@ from mavkf.navigation.sources import begin_sources
 from mavkf.navigation.tape import attend, is_recording
 from mavkf.navigation.use_class import begin_class
 from mavkf.navigation.yaw_bank import predict_bank
-from mavkf.stack import block, copy, matrix, vector, zero_vector
+from mavkf.stack import copy, matrix, vector, zero_vector
 
 REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
@@ -108,7 +108,7 @@ def begin(s, c):
 def at_rest(x, imu, still):
     """Fill `still` with a sample (6,) whose gyro is as if the body stood still on the earth: the earth's rate and the bias."""
     C = matrix(3, 3)
-    frame = vector(6)
+    frame = vector(9)
     copy(still, imu)
     rotation_matrix(x[Q : Q + 4], C)
     strapdown.rates_of_frame(x, frame)
@@ -128,10 +128,9 @@ def roaming(c):
 def step(s, c, imu0, imu1, dt, gyro, accel, out):
     """Advance the state by dt with the samples at both ends, noise densities `gyro` (rad^2/s) and `accel` (m^2/s^3).
 
-    The covariance follows when somebody asks for it (`bring_up`): until then the transitions are multiplied up.
+    The covariance follows when somebody asks for it (`bring_up`).
     """
     x = s[L.X : L.P]
-    Phi = matrix(9, TOP)
     average = vector(21)
     if s[L.BEHIND] == 0.0 and is_recording(out):
         attend(s, out)
@@ -143,20 +142,12 @@ def step(s, c, imu0, imu1, dt, gyro, accel, out):
         gyro = REST_DRIFT**2
     if s[L.MODEL] == L.STRAPDOWN:
         strapdown.propagate(x, imu0, imu1, dt, average)
-        strapdown.transition(x, average, dt, Phi)
     else:
         constant_velocity.propagate(x, imu0, imu1, dt, average)
-        constant_velocity.transition(x, average, dt, Phi)
         if s[L.BANK_UPDATES] > 0.0:
             predict_bank(s, imu0, imu1, dt)
         accel = roaming(c) if s[L.POSITION_KNOWN] != 0.0 else 0.0
-    if s[L.RESTING] != 0.0:
-        # the gyro was not asked, so its bias did no harm
-        for i in range(9):
-            for j in range(3):
-                Phi[i, DBG + j] = 0.0
-    decay_estimate(s, dt)
-    multiply_up(block(s, L.BEHIND_PHI, 9, TOP), Phi, s[L.BEHIND] == 0.0)
+    strapdown.gather(average, dt, s[L.BEHIND_SUMS : L.BEHIND_SUMS + SUMS])
     s[L.BEHIND] += dt
     s[L.BEHIND_GYRO] += gyro * dt
     s[L.BEHIND_ACCEL] += accel * dt
@@ -171,6 +162,7 @@ def coast(s, c, t, out):
     dt = t - s[L.T]
     if not dt > 0.0:
         return
+    bring_up(s, c, out)
     model = s[L.MODEL]
     s[L.MODEL] = L.CONSTANT_VELOCITY
     s[L.BANK_UPDATES] = 0.0  # the guesses have missed a motion

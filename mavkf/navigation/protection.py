@@ -15,7 +15,7 @@ import math
 from mavkf.compiled import kernel
 from mavkf.models.strapdown import POS
 from mavkf.navigation import layout as L
-from mavkf.navigation.monitors import effect, hypothesis, regress
+from mavkf.navigation.monitors import effects, hypothesis, regress
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import book_of
 from mavkf.stack import matrix, vector
@@ -50,16 +50,16 @@ def protection_levels(s, c, P):
             if not math.isfinite(s[hypothesis(h)]):
                 continue
             regress(s, h, size, C)
-            f = effect(s, h)
+            f = effects(s)
             for i in range(3):
                 shift[i] = 0.0
                 for j in range(3):
-                    shift[i] += f[POS + i, j] * size[j]
+                    shift[i] += f[POS + i, 3 * h + j] * size[j]
                     M[i, j] = P[POS + i, POS + j]
                     for a in range(3):
                         for b in range(3):
-                            M[i, j] += f[POS + i, a] * C[a, b] * f[POS + j, b]
-            away = math.hypot(shift[0], shift[1])
+                            M[i, j] += f[POS + i, 3 * h + a] * C[a, b] * f[POS + j, 3 * h + b]
+            away = math.sqrt(shift[0] * shift[0] + shift[1] * shift[1])
             horizontal = max(horizontal, away + k * largest_sigma(M[0, 0], M[0, 1], M[1, 1]))
             vertical = max(vertical, abs(shift[2]) + k * math.sqrt(max(M[2, 2], 0.0)))
     b = book_of(s[L.MAIN])

@@ -16,8 +16,8 @@ from mavkf.models import telemetry
 from mavkf.models.strapdown import BG, DGNSS, POS, TOP, VEL, V, retract
 from mavkf.models.telemetry import OMEGA
 from mavkf.navigation import layout as L
-from mavkf.navigation.covariance import bring_up
 from mavkf.navigation import tape as T
+from mavkf.navigation.covariance import bring_up
 from mavkf.navigation.fold import fold
 from mavkf.navigation.pose import pose_row, show
 from mavkf.navigation.timeline import is_lone_fix, is_sample_in_use, slot_of

@@ -86,15 +86,19 @@ def rest(s, e, c, out, gyro, accel):
     rate = 0.0
     for i in range(3):
         rate += s[L.RATE + i] ** 2
-    drifts = math.hypot(s[L.GNSS_SPEED], s[L.GNSS_SPEED + 1]) > REST_DRIFT_SPEED
+    drifts = s[L.GNSS_SPEED] ** 2 + s[L.GNSS_SPEED + 1] ** 2 > REST_DRIFT_SPEED**2
     moving = drifts or s[L.ARMED] != 0.0 or not rate < REST_RATE**2 or not gyro < REST_GYRO or not accel < REST_ACCEL
     if moving or not math.isfinite(s[L.REST_SINCE]):
         s[L.REST_SINCE] = s[L.T] if not moving else np.nan
-        s[L.RESTING] = 0.0
+        if s[L.RESTING] != 0.0:
+            bring_up(s, c, out)
+            s[L.RESTING] = 0.0
         return
     if s[L.T] - s[L.REST_SINCE] < REST_AFTER:
         return
-    s[L.RESTING] = 1.0
+    if s[L.RESTING] == 0.0:
+        bring_up(s, c, out)
+        s[L.RESTING] = 1.0
     if s[L.T] < s[L.T_REST] + REST_PERIOD - 1e-6:
         return
     s[L.T_REST] = s[L.T]

@@ -18,7 +18,7 @@ from mavkf.navigation.fusing import forget, fuse, note
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
-from mavkf.samples import FIELD, TIME
+from mavkf.samples import FIELD, SOURCE, TIME
 from mavkf.stack import matrix, vector, zero_matrix, zero_vector
 
 PERIOD = 0.08  # s between updates: the field's error is the same in samples closer together
@@ -38,6 +38,27 @@ RELEARN = 5e-6  # T: one sigma of the vehicle's own field after that
 
 
 @kernel
+def remember(s, e):
+    """Keep a field as the last one; returns whether it has the very values of the one before."""
+    s[L.T_FIELD] = e[TIME]
+    same = True
+    for i in range(3):
+        same = same and s[L.FIELD + i] == e[FIELD + i]
+        s[L.FIELD + i] = e[FIELD + i]
+    return same
+
+
+@kernel
+def is_passed_over(s, e):
+    """Whether a field is too close to the last one that was used: so the most of them are, and need not wait for their IMU sample."""
+    if s[L.YAW_KNOWN] == 0.0 or s[L.FIELD_USED] != e[SOURCE] or not e[TIME] < s[L.T_MAGNETOMETER] + PERIOD:
+        return False
+    if remember(s, e):
+        s[L.DUPLICATES] += 1.0
+    return True
+
+
+@kernel
 def use_magnetometer(s, e, c, out):
     """Fuse a field that has changed; before yaw is known the bearing of the levelled field gives it."""
     if s[L.ALIGNED] == 0.0 or c[Parameter.USE_MAGNETOMETER] == 0.0:
@@ -51,13 +72,10 @@ def use_magnetometer(s, e, c, out):
         s[L.SCALE_FIELD] = 1.0
         s[L.FIELD_REFUSED_SINCE] = np.nan
     mx, my, mz = e[FIELD], e[FIELD + 1], e[FIELD + 2]
-    k = L.FIELD
-    s[L.T_FIELD] = e[TIME]
     # a held value is older than its stamp says; only the first heading may come from one, for want of a better
-    if s[L.YAW_KNOWN] != 0.0 and mx == s[k] and my == s[k + 1] and mz == s[k + 2]:
+    if remember(s, e) and s[L.YAW_KNOWN] != 0.0:
         s[L.DUPLICATES] += 1.0
         return
-    s[k], s[k + 1], s[k + 2] = mx, my, mz
     if not math.isfinite(s[L.DECLINATION]) or s[L.T] < s[L.T_MAGNETOMETER] + PERIOD:
         return
     prepare(s, e, c, out)

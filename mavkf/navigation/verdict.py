@@ -17,7 +17,7 @@ from mavkf.navigation.monitors import (
     KIND,
     RAMP,
     VELOCITY,
-    effect,
+    effects,
     hypothesis,
     regress,
     stop_monitors,
@@ -45,21 +45,21 @@ LEAST_AGE = 1.0  # s of evidence
 def take_out(s, h, size, covariance):
     """Take the effect of hypothesis h, of this size (3,) and covariance (3, 3), out of the estimate: x <- x - f b, P <- P + f J^-1 f'."""
     P = L.covariance(s)
-    f = effect(s, h)
+    f = effects(s)
     n = P.shape[0]
     dx = vector(n)
     spread = matrix(n, 3)
     for i in range(n):
         dx[i] = 0.0
         for j in range(3):
-            dx[i] -= f[i, j] * size[j]
+            dx[i] -= f[i, 3 * h + j] * size[j]
             spread[i, j] = 0.0
             for k in range(3):
-                spread[i, j] += f[i, k] * covariance[k, j]
+                spread[i, j] += f[i, 3 * h + k] * covariance[k, j]
     for i in range(n):
         for j in range(n):
             for k in range(3):
-                P[i, j] += spread[i, k] * f[j, k]
+                P[i, j] += spread[i, k] * f[j, 3 * h + k]
     for i in range(n):
         for j in range(i):
             mean = 0.5 * (P[i, j] + P[j, i])

@@ -23,7 +23,7 @@ def update(P: Array, H: Array, R: Array, r: Array) -> tuple[Array, Array, float,
     PHt, S, inverse, dx = np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty(n)
     innovation_covariance(P, H, R, PHt, S)
     assert invert(S, inverse)
-    correct(P, H, R, PHt, inverse, r, dx, np.empty((P.shape[0], r.shape[0])), np.empty((P.shape[0], r.shape[0])), -1, 0)
+    correct(P, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 0)
     return S, dx, quadratic(inverse, r), P
 
 
@@ -87,19 +87,7 @@ def test_a_gain_that_is_not_the_best_leaves_a_larger_covariance() -> None:
     A = np.eye(4) - K @ H
     expected = A @ P @ A.T + K @ R @ K.T
     after = P.copy()
-    correct(
-        after,
-        H,
-        R,
-        PHt,
-        0.7 * inverse,
-        np.zeros(2),
-        dx,
-        np.empty((after.shape[0], 2)),
-        np.empty((after.shape[0], 2)),
-        -1,
-        0,
-    )
+    correct(after, PHt, S, 0.7 * inverse, np.zeros(2), dx, np.empty((4, 2)), np.empty((4, 4)), -1, 0)
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-9 * np.abs(P).max())
     best = textbook(P, H, R, np.zeros(2))[3]
     assert np.linalg.eigvalsh(after - best).min() > -1e-9
@@ -118,19 +106,7 @@ def test_a_considered_state_is_left_alone_but_counts(m: int) -> None:
     A = np.eye(n) - K @ H
     expected = A @ P @ A.T + K @ R @ K.T
     after = P.copy()
-    correct(
-        after,
-        H,
-        R,
-        PHt,
-        inverse,
-        r,
-        dx,
-        np.empty((after.shape[0], r.shape[0])),
-        np.empty((after.shape[0], r.shape[0])),
-        considered,
-        0,
-    )
+    correct(after, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), considered, 0)
     np.testing.assert_allclose(dx, K @ r, rtol=1e-9, atol=1e-12)
     assert dx[considered] == 0.0
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-9 * np.abs(P).max())

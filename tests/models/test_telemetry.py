@@ -65,7 +65,7 @@ def test_qd_is_van_loans() -> None:
     x[OMEGA : OMEGA + 3] = 0.0
     dt, tau, density = 0.04, np.array([1e9, 1e9]), np.array([1e-4] * 3 + [1e-2] * 3 + [0.0] * 3 + [0.3] * 3 + [2.0] * 3)
     _, Phi, Qd = propagated(x, dt, tau, density)
-    frame, F, y = np.empty(6), np.empty((M, M)), np.zeros(Y)
+    frame, F, y = np.empty(9), np.empty((M, M)), np.zeros(Y)
     g = rates_of_frame(x, frame)
     y[:4], y[4:7], y[10:16] = x[Q : Q + 4], x[V : V + 3], x[OMEGA : FORCE + 3]
     telemetry.dynamics(y, frame, g, tau, np.array([x[LATITUDE], 6.37e6, 6.39e6]), F)
@@ -81,7 +81,7 @@ def test_qd_is_van_loans() -> None:
 def test_rate_and_force_die_away_and_the_attitude_follows_the_integral_of_the_rate() -> None:
     x = np.zeros(X_SIZE)
     x[Q], x[OMEGA + 2], x[FORCE], x[LATITUDE] = 1.0, 0.8, 2.0, 0.8
-    g = rates_of_frame(x, np.empty(6))
+    g = rates_of_frame(x, np.empty(9))
     x[FORCE + 2] = -g
     y, _, _ = propagated(x, 3.0)
     assert y[OMEGA + 2] == pytest.approx(0.8 * np.exp(-0.3), rel=1e-6)

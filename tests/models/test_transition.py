@@ -14,7 +14,7 @@ import pytest
 import mavkf.models
 from mavkf.models import strapdown
 from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
-from mavkf.models.strapdown import BA, BARO, BG, HEIGHT, LATITUDE, LONGITUDE, TOP, X_SIZE, N, Q, V
+from mavkf.models.strapdown import BA, BARO, BG, HEIGHT, LATITUDE, LONGITUDE, SUMS, TOP, X_SIZE, N, Q, V
 
 Array = np.ndarray
 # A step of finite differences for each error state (rad, m/s, m, rad/s, m/s^2, m): large enough for an ulp of latitude, 1.4e-9 m.
@@ -71,7 +71,9 @@ def analytic(model: ModuleType, x: Array, imu0: Array, imu1: Array, dt: float) -
     average, F = np.empty(21), np.eye(N)
     y = x.copy()
     model.propagate(y, imu0, imu1, dt, average)
-    model.transition(y, average, dt, F[:9, :TOP])
+    sums = np.zeros(SUMS)
+    strapdown.gather(average, dt, sums)
+    model.transition(y, sums, dt, F[:9, :TOP])
     return F
 
 
@@ -128,7 +130,9 @@ def test_slow_terms_of_strapdown() -> None:
         imu = np.concatenate([np.zeros(3), C.T @ [0.0, 0.0, -9.81]])
         y, average, Phi = x.copy(), np.empty(21), np.empty((9, TOP))
         strapdown.propagate(y, imu, imu, dt, average)
-        strapdown.transition(y, average, dt, Phi)
+        sums = np.zeros(SUMS)
+        strapdown.gather(average, dt, sums)
+        strapdown.transition(y, sums, dt, Phi)
         F = numeric(strapdown, x, imu, imu, dt)
         # rad per rad, (m/s) per (m/s): 7.3e-5 and 1.5e-4 of the earth's rotation; second order g dt^2 / 2R = 8e-7
         np.testing.assert_allclose(Phi[0:3, 0:3], F[0:3, 0:3], rtol=0, atol=2e-6)
