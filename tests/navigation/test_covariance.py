@@ -6,8 +6,8 @@ import sympy
 
 from mavkf.models.strapdown import TOP, N
 from mavkf.navigation import layout as L
+from mavkf.navigation.covariance import propagate_covariance
 from mavkf.navigation.estimator import Offline
-from mavkf.navigation.propagation import propagate_covariance
 
 Array = np.ndarray
 

@@ -8,6 +8,7 @@ import pytest
 from mavkf.config import with_settings
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import FAULT_CODES, NoteCode, Reason, Sensor
+from mavkf.navigation.covariance import bring_up
 from mavkf.navigation.estimator import Offline, run_offline
 from mavkf.navigation.monitors import (
     ACCELEROMETER,
@@ -16,7 +17,7 @@ from mavkf.navigation.monitors import (
     RAMP,
     VELOCITY,
     carry_effects,
-    effect,
+    effects,
     hypothesis,
     regress,
 )
@@ -75,12 +76,13 @@ def test_the_effect_of_a_fault_is_the_difference_to_the_same_flight_without_it(k
         at = since + DELAY
     name, options = SMALL[kind].split(":")
     with_fault = run_offline(apply_faults(rows, [parse_fault(f"{name}:at={at},{options}")]), CONFIG)
-    carry_effects(clean.state)  # they stand at the last measurement
+    bring_up(clean.state, clean.parameters, L.buffers(1, 1, 1))  # they stand at the last measurement
+    carry_effects(clean.state)
     n = int(clean.state[L.STATES])
     a, b = clean.state, with_fault.state
     np.testing.assert_allclose(a[L.P : L.P + n * n], b[L.P : L.P + n * n], rtol=0.05, atol=1e-4)
     shift = (b - a)[4:6]
-    expected = effect(clean.state, h)[:, 0] * UNIT[kind]
+    expected = effects(clean.state)[:, 3 * h] * UNIT[kind]
     assert np.abs(expected[3:5]).max() > 1e-6
     np.testing.assert_allclose(shift, expected[3:5], rtol=0.05, atol=0.05 * np.abs(expected[3:5]).max())
     moved = [(b[7] - a[7]) * 6_372_000.0, (b[8] - a[8]) * 6_389_800.0 * np.cos(np.radians(47.0))]

@@ -107,7 +107,7 @@ def test_telemetry_that_leads_alone_gives_way_when_the_imu_is_fast() -> None:
     s, e, c = state_with_covariance()
     s[L.MODEL] = s[L.WANTED] = L.TELEMETRY
     c[Parameter.COMPARE_HZ] = 8.0
-    out = (np.empty((0, 0)), np.empty((0, L.NOTE_WIDTH)), np.zeros(3, dtype=np.int64), np.empty(0), np.empty(0))
+    out = L.buffers(4, 4, 4)
     for period, wanted in ((0.11, L.TELEMETRY), (0.02, L.STRAPDOWN)):
         s[L.PERIOD] = period
         weigh_models(s, e, c, out)
