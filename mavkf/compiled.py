@@ -76,14 +76,14 @@ def cache_folder() -> Path:
         return folder
 
 
-def is_warm() -> bool:
-    """Whether these sources have been compiled before (nothing has to be compiled for a while now)."""
-    return (cache_folder() / "warm").exists()
+def is_warm(what: str = "warm") -> bool:
+    """Whether a part of these sources, by name, has been compiled before (nothing of it has to be compiled for a while now)."""
+    return (cache_folder() / what).exists()
 
 
-def mark_warm() -> None:
-    """Remember that everything has been compiled; forget the machine code of sources that have not been used for a month."""
-    (cache_folder() / "warm").touch()
+def mark_warm(what: str = "warm") -> None:
+    """Remember that a part has been compiled; forget the machine code of sources that have not been used for a month."""
+    (cache_folder() / what).touch()
     for other in cache_folder().parent.glob("[0-9a-f]" * 16):
         if time.time() - other.stat().st_mtime > UNUSED_S:
             shutil.rmtree(other, ignore_errors=True)
@@ -117,35 +117,42 @@ def _compiled(function: F, **options: Any) -> F:
     return result
 
 
-# Addresses of the functions that are compiled apart, in the order of their definition; machine code finds the table by its name.
-_table = numpy.zeros(32, dtype=numpy.int64)
-_TABLE = "mavkf_functions_apart"
-_apart: list[tuple[Any, tuple[Any, ...]]] = []
-if not llvmlite.binding.address_of_symbol(_TABLE):  # a second copy of this module must not take the name away
-    llvmlite.binding.add_symbol(_TABLE, _table.ctypes.data)
+_apart: list[tuple[Any, tuple[Any, ...], Any]] = []
+"""The functions that are compiled apart: each with the types of its arguments, and the cell (1,) that holds its address."""
+
+
+def _cell(name: str) -> Any:
+    """Give a cell (1,) that machine code finds by a name; zero at first.
+
+    By name, not by number: cached code must find the same function whatever was imported before.
+    """
+    cell = numpy.zeros(1, dtype=numpy.int64)
+    if not llvmlite.binding.address_of_symbol(name):  # a second copy of this module must not take the name away
+        llvmlite.binding.add_symbol(name, cell.ctypes.data)
+    return cell
 
 
 def compiled_apart(result: Any, *arguments: Any) -> Callable[[F], F]:
     """Compile a kernel for itself, of the numba types `arguments` and `result`; compiled functions call it by its address.
 
-    What comes of it can be called by compiled functions only (by Python too where the JIT is off), after `link_apart`: an address that is
-    missing is a RuntimeError.
+    What comes of it can be called by compiled functions only, after `link_apart` (an address that is missing is a RuntimeError);
+    Python calls its attribute `python`.
     """
 
     def decorate(function: F) -> F:
         inner = kernel(function)
         if numba.config.DISABLE_JIT:
+            inner.python = inner  # type: ignore[attr-defined]
             return inner
-        slot = len(_apart)
-        _apart.append((inner, arguments))
+        name = f"{function.__module__}.{function.__qualname__}"
+        _apart.append((inner, arguments, _cell(name)))
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             """Emit the call, by numba's own calling convention."""
             convention = context.call_conv
             integer = llvmlite.ir.IntType(64)
-            array = llvmlite.ir.ArrayType(integer, _table.size)
-            table = builder.module.globals.get(_TABLE) or llvmlite.ir.GlobalVariable(builder.module, array, _TABLE)
-            address = builder.load(builder.gep(table, [integer(0), integer(slot)]))
+            cell = builder.module.globals.get(name) or llvmlite.ir.GlobalVariable(builder.module, integer, name)
+            address = builder.load(cell)
             with cgutils.if_unlikely(builder, cgutils.is_null(builder, address)):
                 convention.return_user_exc(builder, RuntimeError, ("call link_apart() first",))
             kind = convention.get_function_type(signature.return_type, signature.args)
@@ -164,6 +171,7 @@ def compiled_apart(result: Any, *arguments: Any) -> Callable[[F], F]:
         )
         call.__name__ = function.__name__
         apart: F = intrinsic(call)
+        apart.python = inner  # type: ignore[attr-defined]
         return apart
 
     return decorate
@@ -172,7 +180,25 @@ def compiled_apart(result: Any, *arguments: Any) -> Callable[[F], F]:
 @cache
 def link_apart() -> None:
     """Compile the functions that are compiled apart, or load them from the cache, and enter their addresses."""
-    for slot, (function, arguments) in enumerate(_apart):
+    for function, arguments, cell in _apart:
         function.compile(arguments)
         result = function.overloads[arguments]
-        _table[slot] = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+        cell[0] = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+
+
+def compile_apart(claims: Path, *, last_first: bool = False) -> None:
+    """Compile the functions that are compiled apart, each claimed by a file in the folder `claims`: several processes share the work.
+
+    What they leave in the cache `link_apart` finds there.
+    """
+    for function, arguments, _ in reversed(_apart) if last_first else _apart:
+        try:
+            (claims / f"{function.py_func.__module__}.{function.py_func.__qualname__}").open("x").close()
+        except FileExistsError:
+            continue
+        function.compile(arguments)
+
+
+def is_shared() -> bool:
+    """Whether other processes use the same cache folder."""
+    return cache_folder().name == source_hash()

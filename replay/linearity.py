@@ -24,11 +24,13 @@ from mavkf.models.strapdown import (
     LATITUDE,
     LONGITUDE,
     POS,
+    SUMS,
     THETA,
     TOP,
     VEL,
     Q,
     V,
+    gather,
     propagate,
     rates_of_frame,
     retract,
@@ -158,7 +160,7 @@ def _measurements(a: Array, rate: Array, n: int) -> dict[Sensor, Callable[[Array
 
 def _prediction(x: Array, a: Array, rate: Array, dt: float) -> Callable[[Array], Array]:
     """The rows (9, TOP) of the transition over dt (s) with the IMU sample that the motion makes at x, as a function of the state."""
-    C, frame = np.empty((3, 3)), np.empty(6)
+    C, frame = np.empty((3, 3)), np.empty(9)
     rotation_matrix(x[Q : Q + 4], C)
     imu = np.empty(6)
     imu[:3] = rate + x[BG : BG + 3]
@@ -167,7 +169,9 @@ def _prediction(x: Array, a: Array, rate: Array, dt: float) -> Callable[[Array],
     def move(start: Array) -> Array:
         moved, average, Phi = start.copy(), np.empty(21), np.zeros((9, TOP))
         propagate(moved, imu, imu, dt, average)
-        transition(moved, average, dt, Phi)
+        sums = np.zeros(SUMS)
+        gather(average, dt, sums)
+        transition(moved, sums, dt, Phi)
         return Phi
 
     return move

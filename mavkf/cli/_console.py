@@ -44,3 +44,13 @@ def messages() -> "Console":
     from rich.console import Console
 
     return Console(stderr=True)
+
+
+def compile_first(*, smoothing: bool = False) -> float:
+    """Compile what is not compiled yet, with a spinner on a terminal; return the seconds it took."""
+    from mavkf.service.warmup import ensure_compiled
+
+    if not sys.stderr.isatty():
+        return ensure_compiled(say, smoothing=smoothing)
+    with messages().status("") as status:
+        return ensure_compiled(status.update, smoothing=smoothing)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mavkf.cli._console import output, say
+from mavkf.cli._console import compile_first, output, say
 from mavkf.errors import InputError, MavkfError, UsageError
 from mavkf.estimate import Pose
 from mavkf.publish.subscriber import Subscription, subscribe
@@ -48,9 +48,8 @@ def demo(*, seed: int = 1, duration: float = 120.0, speed: float = 10.0, plot: P
     if not 0.0 < speed < math.inf:
         raise UsageError(f"--speed {speed:g}: give times real time, above 0")
     from mavkf.replay.simulation import simulate
-    from mavkf.service.warmup import ensure_compiled
 
-    ensure_compiled(say)
+    compile_first()
     with tempfile.TemporaryDirectory(prefix="mavkf-demo-") as folder:
         log = Path(folder) / "demo.tlog"
         say(f"flying {duration:g} s of a simulated copter (seed {seed})")

@@ -9,7 +9,7 @@ from typing import IO, Annotated, Any
 
 from cyclopts import Parameter
 
-from mavkf.cli._console import Connect, Listen, ZenohConfig, messages, output, say
+from mavkf.cli._console import Connect, Listen, ZenohConfig, compile_first, messages, output, say
 from mavkf.config import Config, read_config, with_settings
 from mavkf.config import settings as known_settings
 from mavkf.errors import UsageError
@@ -23,7 +23,6 @@ from mavkf.replay.run import Options, Result, imu_source, run
 from mavkf.replay.summary import estimated, summarise
 from mavkf.replay.tlog import map_log
 from mavkf.service.vehicle import Step, VehicleStream
-from mavkf.service.warmup import ensure_compiled
 
 LONG_BYTES = 20_000_000  # files from here on get a progress bar
 
@@ -116,7 +115,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
         update=update,
     )
     map_log(log)  # a wrong path is said at once, not after the compiler
-    ensure_compiled(say)
+    compile_first(smoothing=smooth)
     for ordered in options.faults:
         say(f"put into {log}: {ordered}")
     with (

@@ -11,7 +11,7 @@ from typing import Annotated, get_args
 
 from cyclopts import Parameter
 
-from mavkf.cli._console import Connect, Listen, ZenohConfig, say
+from mavkf.cli._console import Connect, Listen, ZenohConfig, compile_first, say
 from mavkf.errors import UsageError
 
 PATIENCE_S = 0.8  # after a signal, before the process is ended by force
@@ -85,12 +85,11 @@ def serve(  # noqa: D417 (the rest is described in _console)
     from mavkf.replay.run import imu_source
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs
-    from mavkf.service.warmup import ensure_compiled
 
     if model is not None and model not in MODELS:
         raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
     imu_message = imu_source(imu)
-    ensure_compiled(say)
+    compile_first()
     options = Options(
         rate_hz=rate,
         imu=imu_message,

@@ -138,8 +138,7 @@ def correct(P, PHt, S, inverse, r, dx, K, work, considered, first):
     considered: a state whose gain is zero (-1: none), as are those of all states before `first`: its uncertainty counts, its value is
     left alone (Schmidt's consider filter: Jazwinski, "Stochastic Processes and Filtering Theory", section 8.3). work: (2 m, n).
 
-    The Joseph product, which holds for any gain, multiplied out: P - K U' - U K' with U = P H' - K S / 2. Computed so it is symmetric to the
-    bit.
+    The Joseph product, which holds for any gain, multiplied out: P - K U' - U K' with U = P H' - K S / 2, which is symmetric to the bit.
     """
     n, m = PHt.shape
     for i in range(n):

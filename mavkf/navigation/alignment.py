@@ -2,7 +2,7 @@
 
 import math
 
-from mavkf.compiled import kernel
+from mavkf.compiled import BOOLEAN, FLOAT, VECTOR, compiled_apart, kernel
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import quaternion_from_euler, rotate_left, rotation_matrix
 from mavkf.models.strapdown import BA, BG, DBA, DBG, THETA, Q
@@ -10,6 +10,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.disturbances import begin_fault
 from mavkf.navigation.fusing import forget, note
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.stack import matrix, vector, zero_vector
@@ -28,7 +29,7 @@ YAW_ARBITRARY = (
 GYRO_STILL = 2e-3  # rad/s: how well a still second tells the gyro bias, vibration and counts included
 
 
-@kernel
+@compiled_apart(BOOLEAN, VECTOR, VECTOR, FLOAT, VECTOR, OUT)
 def collect(s, e_imu, t, c, out):
     """Take one sample (6,) into the sums; when they are complete, set the attitude and its covariance. Returns whether it did."""
     k = L.ALIGN_SUM

@@ -6,10 +6,11 @@ transition is made of is summed, and the noise.
 
 import math
 
-from mavkf.compiled import kernel
+from mavkf.compiled import NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models import constant_velocity, strapdown
 from mavkf.models.strapdown import DBA, DBARO, DBG, DDELAY, DGNSS, GNSS, SUMS, THETA, TOP, VEL
 from mavkf.navigation import layout as L
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.monitors import follow_decay, follow_transition
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.tape import is_detailed, is_recording, record_noise, record_transition
@@ -137,7 +138,7 @@ def record_added(s, c, gyro, accel, dt, decaying, out):
     record_noise(out, q.shape[0], q)
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, OUT)
 def bring_up(s, c, out):
     """Bring the covariance to the state's time, if it is behind: who reads or changes it, or changes the estimate, calls this before."""
     dt = s[L.BEHIND]

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, VECTOR, compiled_apart, kernel
+from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
 from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
@@ -38,7 +38,7 @@ def note(out, code, start, end, size, a, b):
     tell(out, code.value, 0.0, end, start, end, size, a, b)
 
 
-@kernel
+@compiled_apart(NOTHING, OUT, INTEGER, FLOAT, FLOAT, FLOAT, FLOAT, FLOAT, FLOAT, FLOAT)
 def tell(out, code, apart, t, start, end, size, a, b):
     """Write a note row at time t, as `note` does; what lasts has no end yet (NaN).
 

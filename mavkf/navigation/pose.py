@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import MATRIX, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, TOP, VEL, Q, V, offset
 from mavkf.navigation import layout as L
@@ -94,22 +94,7 @@ def sigma_euler(P, q, euler, out):
         out[a] = math.sqrt(max(total, 0.0))
 
 
-@kernel
-def pose_row(s, c, row):
-    """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""
-    if s[L.BEHIND] == 0.0:
-        pose_row_with(s, c, L.covariance(s), row)
-        return
-    n = int(s[L.STATES])
-    P = matrix(n, n)
-    Phi = matrix(9, TOP)
-    copy(P, L.covariance(s))
-    transition_behind(s, Phi)
-    predict_covariance(s, c, Phi, P)
-    pose_row_with(s, c, P, row)
-
-
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, MATRIX, VECTOR)
 def pose_row_with(s, c, P, row):
     """What `pose_row` does, with the covariance P (n, n) of now."""
     valid = valid_of(s, P)
@@ -128,6 +113,21 @@ def pose_row_with(s, c, P, row):
     if valid & L.VALID_TILT != 0:
         for i in range(3):
             row[L.R_RATE + i] = s[L.RATE + i]
+
+
+@kernel
+def pose_row(s, c, row):
+    """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""
+    if s[L.BEHIND] == 0.0:
+        pose_row_with(s, c, L.covariance(s), row)
+        return
+    n = int(s[L.STATES])
+    P = matrix(n, n)
+    Phi = matrix(9, TOP)
+    copy(P, L.covariance(s))
+    transition_behind(s, Phi)
+    predict_covariance(s, c, Phi, P)
+    pose_row_with(s, c, P, row)
 
 
 @kernel

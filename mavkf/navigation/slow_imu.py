@@ -1,6 +1,6 @@
 """The telemetry model in the fold: rate and force as states, hand-over from and to the model that integrates the IMU."""
 
-from mavkf.compiled import kernel
+from mavkf.compiled import FLOAT, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models import telemetry
 from mavkf.models.strapdown import BA, BG, DBG, N
 from mavkf.models.telemetry import DOMEGA, FORCE, OMEGA
@@ -8,6 +8,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Reason, Sensor
 from mavkf.navigation.covariance import add_noise, bring_up, decay_colour, decay_estimate, record_added
 from mavkf.navigation.fusing import forget, fuse, widen
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import set_acceleration
@@ -86,7 +87,7 @@ def leave(s):
             P[i, j] = old[i, j]
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, FLOAT, OUT)
 def advance(s, c, t, out):
     """Bring the state to time t by the telemetry model."""
     dt = t - s[L.T]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import NOTHING, VECTOR, compiled_apart
 from mavkf.models import barometer
 from mavkf.models.strapdown import BARO, DBARO, HEIGHT, POS
 from mavkf.navigation import layout as L
@@ -13,6 +13,7 @@ from mavkf.navigation.covariance import prepare
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import fuse
 from mavkf.navigation.heights import doubt_height, heights_agree
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.learning import LEAST_SCALE, learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
@@ -25,7 +26,7 @@ RELEARN_AFTER = 30.0  # s of refusals, after which its bias is taken to have cha
 FLOOR = 0.2  # m: gusts and the rounding to whole counts
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def use_barometer(s, e, c, out):
     """Fuse a pressure; the first one after a position was found sets the bias."""
     if s[L.POSITION_KNOWN] == 0.0 or c[Parameter.USE_BAROMETER] == 0.0:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.filters.joseph import row_variance
 from mavkf.models import vehicle_class as model
 from mavkf.models.earth import STANDARD_GRAVITY
@@ -19,6 +19,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
 from mavkf.navigation.covariance import bring_up, prepare
 from mavkf.navigation.fusing import fuse_lasting, widen
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import lasting
@@ -99,7 +100,7 @@ def is_off(s, c):
     return high and speed > LEAST_AIRSPEED if c[Parameter.CLASS] == WING else high or speed > MOVING
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def use_class(s, e, c, out):
     """After an IMU event: fuse what the class says, when it is due."""
     if c[Parameter.CLASS] == 0.0:

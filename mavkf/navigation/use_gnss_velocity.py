@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import INTEGER, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models import gnss
 from mavkf.models.strapdown import DDELAY, VEL, V
 from mavkf.navigation import layout as L
@@ -12,6 +12,7 @@ from mavkf.navigation.antenna import mounting
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import forget, fuse, note
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.learning import LEAST_IMU_SCALE, LEAST_SCALE, learn, learn_walk
 from mavkf.navigation.monitors import stop_monitors, surprised
 from mavkf.navigation.parameter import Parameter
@@ -45,7 +46,7 @@ def position_contradicts(s, b):
     return s[b + L.F_ASTRAY] < ASTRAY * s[b + L.F_ASTRAY + 1]
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT, INTEGER)
 def fuse_velocity(s, e, c, out, b):
     """Fuse the velocity of a fix, as a vector of two or, where the message has the vertical one, three. b: the receiver's book."""
     x = s[L.X : L.P]

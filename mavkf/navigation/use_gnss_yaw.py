@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models import gnss
 from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import Q
@@ -12,6 +12,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.fusing import fuse, note
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.parameter import Parameter
 from mavkf.samples import GNSS_YAW
 from mavkf.stack import matrix, vector
@@ -20,7 +21,7 @@ STEEP = math.cos(math.radians(75.0))  # cosine of the pitch beyond which a nose 
 COMPASS_LOST = 2.0  # s without a magnetometer, after which nothing speaks for a heading against the receiver
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def use_gnss_yaw(s, e, c, out):
     """Fuse the heading of a fix, where it has one.
 

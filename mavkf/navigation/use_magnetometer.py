@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.filters.joseph import invert, row_variance
 from mavkf.models import magnetometer
 from mavkf.models.rotation import rotation_matrix, wrap_angle
@@ -15,6 +15,7 @@ from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.covariance import bring_up, prepare
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import forget, fuse, note
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.learning import learn
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.sources import changed
@@ -58,7 +59,7 @@ def is_passed_over(s, e):
     return True
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT)
 def use_magnetometer(s, e, c, out):
     """Fuse a field that has changed; before yaw is known the bearing of the levelled field gives it."""
     if s[L.ALIGNED] == 0.0 or c[Parameter.USE_MAGNETOMETER] == 0.0:

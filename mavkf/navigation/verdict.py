@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import INTEGER, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.filters.joseph import invert
 from mavkf.models.strapdown import DBA, DBG, retract
 from mavkf.navigation import layout as L
@@ -12,6 +12,7 @@ from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.disturbances import begin_fault, end_fault
 from mavkf.navigation.fusing import tell
 from mavkf.navigation.heights import doubt_height, heights_agree
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.monitors import (
     GYRO,
     KIND,
@@ -85,7 +86,7 @@ def horizontal_ratio(size, covariance):
     return ratio
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT, INTEGER)
 def judge_faults(s, e, c, out, b):
     """After a fix of the main receiver: if a fault is likely enough, name it, take its effect out and distrust what has it. b: its book."""
     size, covariance = vector(3), matrix(3, 3)

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled, kernel
+from mavkf.compiled import INTEGER, NOTHING, VECTOR, compiled, compiled_apart, kernel
 from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.models.rotation import rotation_matrix, wrap_angle
 from mavkf.models.strapdown import BA, DBG, THETA, Q
@@ -22,6 +22,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.alignment import turn_heading
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.fusing import note
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.receivers import way_since, white_variance
 from mavkf.samples import SIGMA_SPEED, TIME, VELOCITY_E, VELOCITY_N
@@ -180,7 +181,7 @@ def seen_velocity(s, e, c, b, v):
     return 2.0 * white_variance(s, e, c, b, False) / (dt * dt) + c[Parameter.SPEED_FLOOR] ** 2
 
 
-@kernel
+@compiled_apart(NOTHING, VECTOR, VECTOR, VECTOR, OUT, INTEGER)
 def use_bank(s, e, c, out, b):
     """Weigh the guesses by a fix's velocity; where they agree well enough, turn the attitude to their mean. b: the receiver's book."""
     if s[L.YAW_KNOWN] != 0.0 or s[L.ALIGNED] == 0.0 or c[Parameter.USE_MOTION_YAW] == 0.0:

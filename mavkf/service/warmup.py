@@ -1,11 +1,18 @@
 """Compile everything once, on a short made-up flight, so that no link waits for it."""
 
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from mavkf.compiled import is_warm, mark_warm
+from mavkf.compiled import compile_apart, is_shared, is_warm, mark_warm
 from mavkf.config import Config
 from mavkf.link.clocks import VehicleClock
 from mavkf.link.decode import decode
@@ -14,39 +21,93 @@ from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids
 from mavkf.link.stamps import repair_stamps
 from mavkf.navigation.estimator import run_offline
+from mavkf.navigation.setup import MODELS
 from mavkf.service.vehicle import VehicleStream
 
 BEGIN_US = 1_750_000_000_000_000
 SECONDS = 12
 
 
-def ensure_compiled(say: Callable[[str], None]) -> float:
-    """Compile what is not compiled yet, with a word to the user before; return the seconds it took (0: nothing to do)."""
-    if is_warm():
-        return 0.0
-    say("compiling the estimator, once: about two minutes")
+REASON = "compiling the estimator, once: about half a minute"
+SMOOTHER = "smoother"
+
+
+def ensure_compiled(say: Callable[[str], None], *, smoothing: bool = False) -> float:
+    """Compile what is not compiled yet, with a word to the user before; return the seconds it took (0: nothing to do).
+
+    smoothing: whether the smoother is needed too, which live estimates never do.
+    """
     begin = time.perf_counter()
-    compile_all()
+    done = is_warm() and (not smoothing or is_warm(SMOOTHER))
+    if done:
+        return 0.0
+    if not is_warm():
+        say(REASON)
+        compile_all()
+    if smoothing and not is_warm(SMOOTHER):
+        say("compiling the smoother, once: about ten seconds")
+        compile_smoother()
     return time.perf_counter() - begin
 
 
 def compile_all() -> None:
-    """Run every compiled path of `serve` and `replay`: scanner, decoder, clock, live and offline estimator, smoother, all models."""
+    """Compile every path of `serve` and `replay`, all models: scanner, decoder, clock, live and offline estimator."""
+    with tempfile.TemporaryDirectory() as claims, _second_process(Path(claims)):
+        rows = _rows()
+        compile_apart(Path(claims))
+    for model in MODELS:
+        live = VehicleStream("1-1", Config(), model=model)
+        for step in live.push(rows):
+            for _ in live.records(step):
+                pass
+        run_offline(_timed(rows), Config(), model=model)
+    mark_warm()
+
+
+def compile_smoother() -> None:
+    """Compile what `replay --smooth` needs beside."""
+    rows = _timed(_rows())
+    for model in MODELS:
+        run_offline(rows, Config(), model=model, smoothing=True)
+    mark_warm(SMOOTHER)
+
+
+@contextmanager
+def _second_process(claims: Path) -> Iterator[None]:
+    """Let another process take its share of `compile_apart`; what it does not do for whatever reason is done here."""
+    if numba.config.DISABLE_JIT or not is_shared():
+        yield
+        return
+    code = (
+        "import sys; from pathlib import Path; import mavkf.navigation.timeline; from mavkf.compiled import compile_apart; "
+        "compile_apart(Path(sys.argv[1]), last_first=True)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(claims)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    ) as other:
+        try:
+            yield
+        except BaseException:
+            other.terminate()
+            raise
+
+
+def _rows() -> NDArray[np.float64]:
+    """The sample rows of the flight, read as a log and as a stream."""
     log = b"".join(stamp.to_bytes(8, "big") + frame for stamp, frame in flight())
     data = np.frombuffer(log, np.uint8)
     frames, _ = scan_records(data)
     repair_stamps(frames)
     gather(data, frames[frames["message"] == message_ids()["RAW_IMU"]], "RAW_IMU")
-    rows = decode(data, frames)[1, 1]
     FrameStream().push(b"".join(frame for _, frame in flight()), BEGIN_US, last=True)
-    for model in ("strapdown", "telemetry", "constant-velocity"):
-        live = VehicleStream("1-1", Config(), model=model)
-        for step in live.push(rows):
-            for _ in live.records(step):
-                pass
-        clock = VehicleClock()
-        run_offline(np.concatenate([clock.push(rows), clock.flush()]), Config(), model=model, smoothing=True)
-    mark_warm()
+    rows = decode(data, frames)[1, 1]
+    VehicleClock().push(rows)
+    return rows
+
+
+def _timed(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    clock = VehicleClock()
+    return np.concatenate([clock.push(rows), clock.flush()])
 
 
 def flight() -> Iterator[tuple[int, bytes]]:

@@ -35,7 +35,7 @@ def test_a_span_without_samples_is_said(log: Path, capsys: pytest.CaptureFixture
 def test_a_wrong_path_is_said_before_anything_is_compiled(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mavkf.cli.replay.ensure_compiled", lambda say: pytest.fail("compiled first"))
+    monkeypatch.setattr("mavkf.cli.replay.compile_first", lambda **_: pytest.fail("compiled first"))
     assert main(["replay", str(tmp_path / "nothere.tlog")]) == 1
     assert "does not exist" in capsys.readouterr().err
 

@@ -59,7 +59,7 @@ def align(C_nb: Array, gyro=(0.0, 0.0, 0.0), bias=(0.0, 0.0, 0.0), noise: float 
     out, random, t = outputs(), np.random.default_rng(0), 50.0
     for _ in range(2000):
         force = C_nb.T @ [0.0, 0.0, -G] + bias + noise * random.normal(size=3)
-        if collect(s, np.concatenate([gyro, force]), t, c, out):
+        if collect.python(s, np.concatenate([gyro, force]), t, c, out):
             return s, c, out
         s[L.T_IMU] = t
         t += 1.0 / rate
@@ -110,7 +110,7 @@ def test_finding_the_yaw_turns_the_covariance_with_it(yaw: float) -> None:
     e = np.full(L.EVENT_WIDTH, np.nan)
     e[TIME] = s[L.T]
     e[FIELD : FIELD + 3] = matrix(quaternion(0.2, -0.1, yaw)).T @ [2.1e-5, 0.0, 4.3e-5]
-    use_magnetometer(s, e, c, out)
+    use_magnetometer.python(s, e, c, out)
     assert s[L.YAW_KNOWN] == 1.0
     np.testing.assert_allclose(matrix(s[Q : Q + 4]), matrix(quaternion(0.2, -0.1, yaw)), atol=1e-6)
     # levelling at the true yaw: dtheta_N = (C dba)_E / g, dtheta_E = -(C dba)_N / g
@@ -143,7 +143,7 @@ def test_a_fall_aligns_nothing() -> None:
     s, c = new_state()
     out = outputs()
     for i in range(500):
-        assert not collect(s, np.full(6, 0.1), 50.0 + 0.01 * i, c, out)
+        assert not collect.python(s, np.full(6, 0.1), 50.0 + 0.01 * i, c, out)
     assert s[L.ALIGNED] == 0.0
 
 
@@ -155,7 +155,7 @@ def test_an_attitude_found_late_leaves_the_barometer_tied_to_the_height() -> Non
     before = P[DBARO].copy()
     out = outputs()
     for i in range(200):
-        collect(s, np.array([0.0, 0.0, 0.0, 0.0, 0.0, -G]), 50.0 + 0.01 * i, c, out)
+        collect.python(s, np.array([0.0, 0.0, 0.0, 0.0, 0.0, -G]), 50.0 + 0.01 * i, c, out)
     assert s[L.ALIGNED] == 1.0
     np.testing.assert_array_equal(P[DBARO], before)
 
@@ -165,7 +165,7 @@ def test_steady_braking_is_not_standing_still_for_a_receiver_that_sees_it_move()
     s[L.GNSS_SPEED] = 12.0
     out = outputs()
     for i in range(200):
-        if collect(s, np.array([0.0, 0.0, 0.0, -1.33, 0.0, -G]), 50.0 + 0.01 * i, c, out):
+        if collect.python(s, np.array([0.0, 0.0, 0.0, -1.33, 0.0, -G]), 50.0 + 0.01 * i, c, out):
             break
     assert out[1][0, L.NOTE_A] == 0.0
     assert np.sqrt(covariance(s)[1, 1]) > 1.33 / G

@@ -76,7 +76,7 @@ def test_the_effect_of_a_fault_is_the_difference_to_the_same_flight_without_it(k
         at = since + DELAY
     name, options = SMALL[kind].split(":")
     with_fault = run_offline(apply_faults(rows, [parse_fault(f"{name}:at={at},{options}")]), CONFIG)
-    bring_up(clean.state, clean.parameters, L.buffers(1, 1, 1))  # they stand at the last measurement
+    bring_up.python(clean.state, clean.parameters, L.buffers(1, 1, 1))  # they stand at the last measurement
     carry_effects(clean.state)
     n = int(clean.state[L.STATES])
     a, b = clean.state, with_fault.state
