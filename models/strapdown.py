@@ -52,7 +52,8 @@ TOP = 15  # error states that the rotation, velocity and position rows depend on
 def rates_of_frame(x, out):
     """Fill out (9,): omega_in = omega_ie + omega_en and omega_ie in n (rad/s), g (m/s^2), and two radii plus height (m); returns g.
 
-    The radii of curvature are the meridian and the transverse one. x: nominal state. Raises nothing; near the poles the transport rate grows without bound (such positions are refused earlier).
+    The radii of curvature are the meridian and the transverse one. Raises nothing; near the poles the transport rate grows without bound
+    (such positions are refused earlier). x: nominal state.
     """
     latitude, h = x[LATITUDE], x[HEIGHT]
     sine, cosine = math.sin(latitude), math.cos(latitude)

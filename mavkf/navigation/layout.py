@@ -247,4 +247,4 @@ def buffers(innovations: int, notes: int, recorded: int, tape: int = 0) -> tuple
 def covariance(s: np.ndarray) -> np.ndarray:
     """P (STATES, STATES) of a state, as a view."""
     n = int(s[STATES])
-    return block(s, P, n, n)
+    return block(s, P, n, n)  # type: ignore[no-any-return]
