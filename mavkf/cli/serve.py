@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import threading
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, get_args
@@ -37,11 +38,16 @@ def serve(  # noqa: D417 (the rest is described in _console)
 ) -> int:
     """Read live telemetry or a log, estimate, publish over zenoh.
 
+    SOURCE is one of udpin:HOST:PORT (listen for datagrams), udpout:HOST:PORT (send datagrams there first, and listen for the
+    answers), tcp:HOST:PORT (connect to a server), tcpin:HOST:PORT (be the server, for one connection at a time),
+    serial:PATH:BAUD (a serial port), zenoh:KEY (raw MAVLink frames on a zenoh key, as mavlink_raw/out), stdin (raw MAVLink from
+    standard input, as does -), or a log (.tlog). Several links, or several logs, at once.
+
     Runs until the end of the log, or Ctrl-C. Exit code 0 when a log was served, 1 when nothing could be estimated, 130
     after Ctrl-C, 0 after SIGTERM.
 
     Args:
-        sources: udpin:host:port, tcp:host:port, or logs (.tlog).
+        sources: Where telemetry comes from, as above.
         speed: Of logs: times the recorded pace, 0 for as fast as possible.
         wait_subscriber: Of logs: wait so many seconds for the first subscriber, and from then on rather wait than drop.
         record: Folder to record what comes in, a tlog for each source.
@@ -57,10 +63,13 @@ def serve(  # noqa: D417 (the rest is described in _console)
     """
     from mavkf.config import Config, read_config, with_settings
     from mavkf.publish.records import Encoding, check_choice
+    from mavkf.publish.session import open_session, publishing_session
     from mavkf.service.endpoints import source
 
     if not sources:
-        raise UsageError("serve needs a source: udpin:host:port, tcp:host:port, or the path of a log")
+        raise UsageError(
+            "serve needs a source: udpin:HOST:PORT, tcp:HOST:PORT or another (--help), or the path of a log"
+        )
     if not 0.0 <= speed < math.inf:
         raise UsageError(f"--speed {speed:g}: give times the recorded pace, or 0 for as fast as possible")
     if wait_subscriber is not None and not 0.0 <= wait_subscriber < math.inf:
@@ -70,7 +79,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     check_choice("encoding", encoding, Encoding)
     names = _names(vehicle_name)
     settings = with_settings(read_config(config) if config else Config(), set)
-    opened = [source(text, _whisper if quiet else say) for text in sources]
+    zenoh_session = partial(open_session, publishes=False, connect=connect, config_file=zenoh_config)
+    opened = [source(text, _whisper if quiet else say, zenoh_session) for text in sources]
     logs = [one for one in opened if isinstance(one, Path)]
     links = [one for one in opened if not isinstance(one, Path)]
     if logs and links:
@@ -81,7 +91,6 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError("--speed is for logs: live telemetry has its own pace")
 
     from mavkf.navigation.setup import MODELS
-    from mavkf.publish.session import publishing_session
     from mavkf.replay.run import imu_source
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs

@@ -8,6 +8,7 @@ bit (`utc_ns` aside), what `replay --as-live` computes from the recording that w
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from threading import Thread
 
@@ -39,7 +40,7 @@ def serve_links(
     stopped: Callable[[], bool],
     record: Path | None = None,
 ) -> int:
-    """Serve live links until `stopped` says so; return how many poses were published.
+    """Serve live links until `stopped` says so or all have ended; return how many poses were published.
 
     stopped: asked several times a second, and between pieces of work. record: folder for the recordings.
     Raises EndpointError, InputError.
@@ -53,16 +54,19 @@ def serve_links(
         worker = _Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say))
         threads = []
         for number, link in enumerate(links):
-            take = lambda data, last, number=number: inbox.put(number, data, last)  # noqa: E731
+            take = partial(inbox.put, number, patient=link.is_patient)
             threads.append(Thread(target=link.receive, args=(take,), name=link.name, daemon=True))
             threads[-1].start()
         begin = time.monotonic()
         told = False
         while not stopped():
+            have_ended = all(link.has_ended for link in links)
             batch = inbox.get(POLL_S)
             worker.take(batch)
             if not batch:
                 worker.flush()
+                if have_ended:
+                    break
             if not told and time.monotonic() - begin > PATIENCE_S:
                 told = True
                 for link, stream in zip(links, worker.streams, strict=True):
@@ -70,6 +74,7 @@ def serve_links(
                         say(f"no MAVLink has come from {link.name} yet; it is waited for")
         for link in links:
             link.close()
+        inbox.close()
         for thread in threads:
             thread.join(2 * POLL_S)
         for number, stream in enumerate(worker.streams):
