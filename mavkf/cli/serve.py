@@ -41,7 +41,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     SOURCE is one of udpin:HOST:PORT (listen for datagrams), udpout:HOST:PORT (send datagrams there first, and listen for the
     answers), tcp:HOST:PORT (connect to a server), tcpin:HOST:PORT (be the server, for one connection at a time),
     serial:PATH:BAUD (a serial port), zenoh:KEY (raw MAVLink frames on a zenoh key, as mavlink_raw/out), stdin (raw MAVLink from
-    standard input, as does -), or a log (.tlog). Several links, or several logs, at once.
+    standard input), or a log (.tlog). Several links, or several logs, at once.
 
     Runs until the end of the log, or Ctrl-C. Exit code 0 when a log was served, 1 when nothing could be estimated, 130
     after Ctrl-C, 0 after SIGTERM.

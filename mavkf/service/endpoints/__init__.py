@@ -65,9 +65,7 @@ KINDS: dict[str, Kind] = {
         "raw MAVLink frames on a zenoh key, as mavlink_raw/out",
         ZenohKey,
     ),
-    "stdin": Kind(
-        "stdin", "raw MAVLink from standard input, as does -", lambda _, __, ___, say: StandardInput("stdin", say)
-    ),
+    "stdin": Kind("stdin", "raw MAVLink from standard input", lambda _, __, ___, say: StandardInput("stdin", say)),
 }
 """Every kind of link by its scheme."""
 
@@ -81,7 +79,7 @@ def source(text: str, say: Say, session: Session = lambda: open_session(publishe
     """
     if Path(text).exists():
         return Path(text)
-    if text in ("-", "stdin"):
+    if text == "stdin":
         return KINDS["stdin"].make(text, "", session, say)
     match = _SCHEME.fullmatch(text)
     if match is None:
