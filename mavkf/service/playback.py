@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.replay.tlog import Log
+from mavkf.service.duplicates import Duplicates
 
 LONGEST_WAIT_US = 5_000_000
 """A step of the stamps longer than this is a pause of the recording, or damage; nobody wants to sit through it."""
@@ -24,7 +25,10 @@ class Merged(NamedTuple):
 
 
 def merge(logs: Sequence[Log]) -> Merged:
-    """Merge logs by stamp, ties in argument order; the order within each file stays, even where its stamps fall."""
+    """Merge logs by stamp, ties in argument order; the order within each file stays, even where its stamps fall.
+
+    What came over several links is taken once (`mavkf.service.duplicates`).
+    """
     if len(logs) == 1:
         return Merged(logs[0].data, logs[0].frames, np.zeros(len(logs[0].frames), np.int64))
     parts, base = [], 0
@@ -35,7 +39,9 @@ def merge(logs: Sequence[Log]) -> Merged:
         parts.append(frames)
     order = np.argsort(np.concatenate([np.maximum.accumulate(part["stamp"]) for part in parts]), kind="stable")
     numbers = np.repeat(np.arange(len(logs)), [len(part) for part in parts])
-    return Merged(np.concatenate([log.data for log in logs]), np.concatenate(parts)[order], numbers[order])
+    data, frames, numbers = np.concatenate([log.data for log in logs]), np.concatenate(parts)[order], numbers[order]
+    new = Duplicates().are_new(data, frames, numbers)
+    return Merged(data, frames[new], numbers[new])
 
 
 def due_times(stamps: NDArray[np.int64], speed: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
