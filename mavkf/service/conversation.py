@@ -49,24 +49,26 @@ class Rates:
 
     def __init__(self) -> None:
         self._buckets: deque[tuple[float, Counter[str]]] = deque()
-        self._begin = math.inf
 
     def add(self, t: float, counts: Mapping[str, int]) -> None:
         """Count messages heard at a time."""
-        self._begin = min(self._begin, t)
         if not self._buckets or t - self._buckets[-1][0] > WINDOW_S / 10:
             self._buckets.append((t, Counter()))
         self._buckets[-1][1].update(counts)
 
     def count(self, t: float, names: tuple[str, ...]) -> int:
         """How many of the most frequent of some messages."""
-        while self._buckets and self._buckets[0][0] <= t - WINDOW_S:
-            self._buckets.popleft()
+        self._forget(t)
         return max((sum(counts[name] for _, counts in self._buckets) for name in names), default=0)
 
     def span(self, t: float) -> float:
         """The seconds that are looked at."""
-        return min(max(t - self._begin, 0.5), WINDOW_S)
+        self._forget(t)
+        return max(t - self._buckets[0][0], 0.5) if self._buckets else WINDOW_S
+
+    def _forget(self, t: float) -> None:
+        while self._buckets and self._buckets[0][0] < t - WINDOW_S:
+            self._buckets.popleft()
 
     def rate(self, t: float, names: tuple[str, ...]) -> float:
         """Hz of the most frequent of some messages."""

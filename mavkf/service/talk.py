@@ -66,7 +66,8 @@ class Talk:
         self._link, self._number, self._manners, self._now_us = link, number, manners, now_us
         self._senders: dict[int, mavlink.MAVLink] = {}
         self._beat_at = -np.inf
-        self._bytes, self._since, self._bytes_s = 0, -np.inf, 0.0
+        self._bytes, self._bytes_s = 0, 0.0
+        self._since: float | None = None
 
     def hear(self, data: NDArray[np.uint8], frames: NDArray[np.void], t: float) -> None:
         """Take frames of the link. data: what their offsets refer to; t: now, seconds of a clock that runs evenly."""
@@ -109,10 +110,12 @@ class Talk:
             del self.conversations[address], self._versions[address]
 
     def _measure(self, size: int, t: float) -> None:
-        if t - self._since > PERIOD_S:
-            self._bytes_s = self._bytes / (t - self._since)
+        """Count bytes; what they were a second is known anew after every second, of the last few."""
+        if self._since is None or t - self._since > PERIOD_S:
             self._bytes, self._since = 0, t
         self._bytes += size
+        if t - self._since >= 1.0:
+            self._bytes_s = self._bytes / (t - self._since)
 
     def _budget(self) -> float:
         """The bytes a second that may be asked for."""
