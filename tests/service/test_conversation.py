@@ -245,7 +245,7 @@ def test_what_is_asked_for_stays_within_the_share_of_a_serial_link(baud: int, sh
 
 
 def test_of_an_unknown_distant_link_the_share_is_of_what_it_carries() -> None:
-    slow, fast = Autopilot(), Autopilot(intervals_us={"GPS2_RAW": 2_000})
+    slow, fast = Autopilot(), Autopilot(intervals_us={"GPS2_RAW": 500})
     for vehicle in (slow, fast):
         Bench(vehicle, wire=Wire(local=False), request=True).run(20)
     assert dict(commands(slow, SET))["HIGHRES_IMU"] > 20_000  # what the usual radio carries
