@@ -30,7 +30,7 @@ LISTEN_S = 1.5  # twice, where something comes
 SETTLE_S = 3.0
 WINDOW_S = 3.0
 AGAIN_S = (3.0, 60.0)  # between askings that did not help
-SILENT_S = 5.0  # without a heartbeat: away, and perhaps rebooted when it is back
+SILENT_S = 5.0  # without a heartbeat: away
 ENOUGH = 0.6  # of the rate that was asked for: loss, and schedulers that round
 FALLEN = 0.5  # of the rate that came
 REFUSED = -2  # in place of an interval, which is -1 where a message is off
@@ -106,13 +106,22 @@ class Conversation:
 
     def heartbeat(self, t: float) -> None:
         """The autopilot's HEARTBEAT has come."""
-        if t - self.heard_at > SILENT_S:
-            self._rebooted = True  # or its link was cut: to look again does no harm
         self.heard_at = t
+
+    def look_again(self) -> None:
+        """What is sent may not be what was set: look from the start."""
+        self._rebooted = True
+        self._rates = Rates()
+
+    @property
+    def has_asked(self) -> bool:
+        """Whether there is something to put back."""
+        return bool(self._set or self._groups)
 
     def boot_time(self, boot_ms: int) -> None:
         """A SYSTEM_TIME has come: a boot clock that falls is a reboot."""
-        self._rebooted |= boot_ms < self._boot_ms - 1000
+        if boot_ms < self._boot_ms - 1000:
+            self.look_again()
         self._boot_ms = boot_ms
 
     def heard(self, t: float, counts: Mapping[str, int]) -> None:

@@ -166,6 +166,8 @@ class _Worker:
         pieces, found, base = [], [], 0
         for chunk in batch:
             data, frames = self.streams[chunk.link].push(chunk.data, chunk.arrival_us, last=chunk.last)
+            if chunk.last and not chunk.data:
+                self._talks[chunk.link].cut()
             frames = self._belief.signed(data, frames)
             if not len(frames):
                 continue

@@ -23,7 +23,10 @@ MOST_TALKS = 16
 UNKNOWN_BYTES_S = 5760.0  # of a link of unknown speed: those of the usual telemetry radio
 PERIOD_S = 5.0  # over which a link's bytes are measured
 _COUNTED = {message_ids()[name]: name for stream in STREAMS for name in stream.sources}
-_ANSWERS = {message_ids()[name]: name for name in ("HEARTBEAT", "SYSTEM_TIME", "MESSAGE_INTERVAL", "COMMAND_ACK")}
+_RADIO = ("RADIO_STATUS", "RADIO")
+_ANSWERS = {
+    message_ids()[name]: name for name in ("HEARTBEAT", "SYSTEM_TIME", "MESSAGE_INTERVAL", "COMMAND_ACK", *_RADIO)
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +68,7 @@ class Talk:
         self._versions: dict[Address, int] = {}
         self._link, self._number, self._manners, self._now_us = link, number, manners, now_us
         self._senders: dict[int, mavlink.MAVLink] = {}
+        self._has_radio = False
         self._beat_at = -np.inf
         self._bytes, self._bytes_s = 0, 0.0
         self._since: float | None = None
@@ -74,21 +78,38 @@ class Talk:
         if self._manners.request is False:
             return
         self._measure(int(frames["size"].sum()), t)
-        for frame in frames[np.isin(frames["message"], list(_ANSWERS))]:
-            address = int(frame["system"]), int(frame["component"])
-            name = _ANSWERS[int(frame["message"])]
-            fields = _fields(data, frame, name)
-            if name == "HEARTBEAT":
-                self._heartbeat(address, int(frame["version"]), fields, t)
+        counts: dict[Address, Counter[str]] = {}
+        names = ["message", "system", "component", "version", "offset", "length"]
+        for message, system, component, version, offset, length in frames[names].tolist():
+            address = system, component
+            if message in _COUNTED and address in self.conversations:
+                counts.setdefault(address, Counter())[_COUNTED[message]] += 1
+            name = _ANSWERS.get(message)
+            if name is None:
+                continue
+            fields = _fields(data[offset : offset + length].tobytes(), name)
+            if name in _RADIO:
+                self._note_radio()
+            elif name == "HEARTBEAT":
+                self._heartbeat(address, version, fields, t)
             elif address in self.conversations:
                 _answer(self.conversations[address], name, fields, self._manners)
-        counted = frames[np.isin(frames["message"], list(_COUNTED))]
-        counts: dict[Address, Counter[str]] = {}
-        for system, component, message in counted[["system", "component", "message"]].tolist():
-            counts.setdefault((system, component), Counter())[_COUNTED[message]] += 1
         for address, found in counts.items():
-            if address in self.conversations:
-                self.conversations[address].heard(t, found)
+            self.conversations[address].heard(t, found)
+
+    def cut(self) -> None:
+        """The connection has ended; what is behind the next one may have been restarted."""
+        for talk in self.conversations.values():
+            talk.look_again()
+
+    def _note_radio(self) -> None:
+        """A radio reports how it fares: what passes here is routed, and the pilot's."""
+        if self._has_radio:
+            return
+        self._has_radio = True
+        if self._manners.request is None and any(talk.has_asked for talk in self.conversations.values()):
+            self._manners.say(f"{self._link.name}: there is a radio on the way: what was asked for is taken back")
+            self.leave()
 
     def _heartbeat(self, address: Address, version: int, fields: np.void, t: float) -> None:
         if address[0] == 0 or not is_autopilot(int(fields["type"]), int(fields["autopilot"])):
@@ -117,11 +138,15 @@ class Talk:
         if t - self._since >= 1.0:
             self._bytes_s = self._bytes / (t - self._since)
 
+    @property
+    def _is_near(self) -> bool:
+        return self._link.is_local is True and not self._has_radio
+
     def _budget(self) -> float:
         """The bytes a second that may be asked for."""
         if self._link.baud is not None:
             return self._manners.share * self._link.baud / 10.0  # a byte is ten bits on the line
-        if self._link.is_local:
+        if self._is_near:
             return float("inf")
         return self._manners.share * max(self._bytes_s, UNKNOWN_BYTES_S)
 
@@ -135,11 +160,11 @@ class Talk:
             if address not in given_up and t - talk.heard_at < AWAY_S
         ]
         if t - self._beat_at >= HEARTBEAT_S:
-            self._beat_at = t
+            self._beat_at = max(self._beat_at + HEARTBEAT_S, t - HEARTBEAT_S / 2)  # once a second on the whole
             self._beat(present)
         for address in present:
             talk = self.conversations[address]
-            talk.may_ask = self._manners.request is True or self._link.is_local is True
+            talk.may_ask = self._manners.request is True or self._is_near
             for message in talk.step(t):
                 self._send(message, address[0], self._versions[address])
 
@@ -185,10 +210,9 @@ class Talk:
         sender.seq = (sender.seq + 1) % 256
 
 
-def _fields(data: NDArray[np.uint8], frame: np.void, name: str) -> np.void:
+def _fields(payload: bytes, name: str) -> np.void:
     """The fields of one message, as of `message_dtype`."""
     dtype = message_dtype(name)
-    payload = data[frame["offset"] : frame["offset"] + frame["length"]].tobytes()
     fields: np.void = np.frombuffer(payload[: dtype.itemsize].ljust(dtype.itemsize, b"\0"), dtype)[0]
     return fields
 

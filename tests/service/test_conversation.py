@@ -50,11 +50,11 @@ class Bench:
         self.received = 0
         self.given_up: set[tuple[int, int]] = set()
 
-    def run(self, seconds: float, loss: Callable[[], bool] = lambda: False) -> "Bench":
+    def run(self, seconds: float, loss: Callable[[bytes], bool] = lambda _: False) -> "Bench":
         for _ in range(round(seconds / 0.1)):
             self.t += 0.1
             for autopilot in self.autopilots:
-                self.hear(b"".join(frame for frame in autopilot.advance(self.t) if not loss()))
+                self.hear(b"".join(frame for frame in autopilot.advance(self.t) if not loss(frame)))
             self.talk.speak(self.t, self.given_up)
             self.deliver()
         return self
@@ -141,6 +141,8 @@ def test_another_message_is_asked_for_where_one_is_denied() -> None:
     bench = Bench(vehicle).run(12)
     assert vehicle.intervals["RAW_IMU"] == 10_000
     assert re.search(r"HIGHRES_IMU at 100 Hz \(RAW_IMU comes at (9[5-9]|10\d)\)", bench.said[0])
+    bench.leave()
+    assert len([name for name, _ in commands(vehicle, SET) if name == "HIGHRES_IMU"]) == 1  # nothing to put back
 
 
 @pytest.mark.parametrize("sets", ["deny", "silent"])
@@ -155,6 +157,8 @@ def test_data_streams_are_asked_for_where_intervals_are_not_granted(sets: Manner
         "SYSTEM_TIME": 1_000_000,
     }
     assert re.search(r"\(RAW_IMU comes at (4[7-9]|5[0-3])\)", bench.said[0])
+    if gets == "deny":
+        assert len(commands(old, GET)) == len(set(commands(old, GET)))  # a refusal is an answer
     bench.leave()
     assert set(old.intervals.values()) == {-1}  # all were silent before
 
@@ -162,9 +166,9 @@ def test_data_streams_are_asked_for_where_intervals_are_not_granted(sets: Manner
 def test_who_answers_nothing_is_asked_less_and_less_and_told_once() -> None:
     mute = Autopilot(sets="silent", gets="silent", streams="silent")
     bench = Bench(mute).run(60)
-    first = len(mute.asked)
+    first = len(mute.asked) - len(heartbeats(mute))
     bench.run(240)
-    assert len(mute.asked) - first < 4 * first
+    assert first < len(mute.asked) - len(heartbeats(mute)) < 2.5 * first
     assert len(bench.said) == 1
     assert bench.said[0].count("does not come") == len([s for s in STREAMS if s.required])
 
@@ -184,8 +188,20 @@ def test_a_reboot_that_is_heard_by_its_clock_is_asked_again() -> None:
     vehicle.default["SYSTEM_TIME"] = 1_000_000
     vehicle.reboot(bench.t)
     before = len(commands(vehicle, SET))
-    bench.run(5)
+    bench.run(4)
     assert len(commands(vehicle, SET)) > before
+
+
+def test_what_is_lost_on_the_way_is_not_set_again_nor_taken_for_somebody_elses_wish() -> None:
+    vehicle = Autopilot(intervals_us={"GPS_RAW_INT": 500_000})
+    bench = Bench(vehicle).run(15)
+    before, asked = len(commands(vehicle, SET)), len(commands(vehicle, GET))
+    rng = np.random.default_rng(3)
+    bench.run(30, loss=lambda frame: frame[7] == message_ids()["HIGHRES_IMU"] and bool(rng.random() < 0.8))
+    assert len(commands(vehicle, GET)) > asked
+    assert len(commands(vehicle, SET)) == before
+    bench.leave()
+    assert {name: interval for name, interval in vehicle.intervals.items() if interval > 0} == vehicle.default
 
 
 def test_a_rate_that_falls_is_asked_for_again() -> None:
@@ -230,6 +246,49 @@ def test_nothing_at_all_is_sent_where_nothing_may_be() -> None:
     vehicle = Autopilot()
     Bench(vehicle, request=False).run(30)
     assert not vehicle.asked
+
+
+def radio() -> bytes:
+    """What a telemetry radio on the way says of itself."""
+    data: bytes = mavlink.MAVLink_radio_status_message(180, 170, 90, 40, 38, 0, 0).pack(mavlink.MAVLink(None, 51, 68))
+    return data
+
+
+def test_a_radio_behind_a_near_link_is_spared() -> None:
+    vehicle = Autopilot()
+    bench = Bench(vehicle)
+    bench.hear(radio())
+    bench.run(20)
+    assert heartbeats(vehicle) == vehicle.asked
+    assert "would ask for" in bench.said[0]
+
+
+def test_what_was_asked_for_is_taken_back_when_a_radio_shows() -> None:
+    vehicle = Autopilot(intervals_us={"RAW_IMU": 250_000})
+    bench = Bench(vehicle).run(15)
+    assert vehicle.intervals["HIGHRES_IMU"] == 10_000
+    bench.hear(radio())
+    bench.run(60)
+    assert {name: interval for name, interval in vehicle.intervals.items() if interval > 0} == {"RAW_IMU": 250_000}
+    assert sum("radio on the way" in line for line in bench.said) == 1
+
+
+def test_a_radio_is_asked_within_its_share_on_request() -> None:
+    vehicle = Autopilot()
+    bench = Bench(vehicle, request=True)
+    bench.hear(radio())
+    bench.run(20)
+    assert dict(commands(vehicle, SET))["HIGHRES_IMU"] > 20_000
+
+
+def test_a_connection_that_was_cut_is_looked_at_again_at_once() -> None:
+    vehicle = Autopilot()
+    bench = Bench(vehicle).run(20)
+    vehicle.reboot(bench.t)
+    bench.talk.cut()
+    before = len(commands(vehicle, SET))
+    bench.run(2.5)
+    assert len(commands(vehicle, SET)) > before
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 1.0])
@@ -303,11 +362,17 @@ def test_a_vehicle_that_is_given_up_or_silent_is_not_talked_to() -> None:
 
 def test_who_must_be_spoken_to_first_is() -> None:
     bench = Bench(wire=Wire(speaks_first=True))
-    bench.run(0.1)
+    bench.talk.speak(0.0)
+    assert len(bench.wire.sent) == 1
     vehicle = Autopilot()
-    bench.autopilots = (vehicle,)
-    bench.run(2.0)
+    vehicle.hear(bench.wire.sent[0])
     assert heartbeats(vehicle)
+
+
+def test_one_identity_has_one_heartbeat_however_many_vehicles_there_are() -> None:
+    vehicles = Autopilot(system=1), Autopilot(system=2)
+    Bench(*vehicles, system=42).run(10)
+    assert 9 <= len(heartbeats(vehicles[0])) <= 10
 
 
 def test_a_vehicle_of_mavlink_1_is_answered_in_mavlink_1() -> None:
@@ -338,11 +403,12 @@ def test_a_flood_of_made_up_vehicles_is_bounded_and_forgotten() -> None:
     assert len(bench.talk.conversations) == 1
 
 
-def test_an_answer_to_somebody_else_is_not_ours() -> None:
+@pytest.mark.parametrize("target", [(255, 190), (255, 191), (1, 190)])
+def test_an_answer_to_somebody_else_is_not_ours(target: tuple[int, int]) -> None:
     vehicle = Autopilot(sets="silent", gets="silent", streams="silent")
     bench = Bench(vehicle)
     for _ in range(100):
-        refusal = mavlink.MAVLink_command_ack_message(SET, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190)
+        refusal = mavlink.MAVLink_command_ack_message(SET, mavlink.MAV_RESULT_DENIED, 0, 0, *target)
         bench.hear(refusal.pack(vehicle.wire))
         bench.run(0.1)
     assert len([name for name, _ in commands(vehicle, SET) if name == "RAW_IMU"]) == 0
@@ -351,7 +417,7 @@ def test_an_answer_to_somebody_else_is_not_ours() -> None:
 def test_a_lossy_link_is_asked_until_it_answers() -> None:
     vehicle = Autopilot()
     rng = np.random.default_rng(3)
-    Bench(vehicle).run(60, loss=lambda: bool(rng.random() < 0.3))
+    Bench(vehicle).run(60, loss=lambda _: bool(rng.random() < 0.3))
     assert {name: vehicle.intervals[name] for name in NEEDED} == NEEDED
 
 

@@ -305,11 +305,9 @@ def test_a_zenoh_key_that_has_no_sibling_only_listens() -> None:
 
 def test_standard_input_ends_the_service(flight: Frames, reader: Reader) -> None:
     data = b"".join(frame for _, frame in flight)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mavkf", "serve", "stdin", "--quiet"], stdin=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    _, errors = process.communicate(data, timeout=PATIENCE_S)
-    assert process.returncode == 0, errors
+    words = [sys.executable, "-m", "mavkf", "serve", "stdin", "--quiet"]
+    ended = subprocess.run(words, input=data, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False)
+    assert ended.returncode == 0, ended.stderr
     reader.wait(has_pose_at(20.9))
 
 

@@ -52,8 +52,7 @@ class TcpClient(_Stream):
         told = False
         while not self.closed.is_set():
             try:
-                connection = socket.create_connection((self._host, self._port), timeout=CONNECT_S)
-                self._begin(connection)
+                connection = self._connected()
             except OSError as error:
                 if not told:
                     self.say(f"{self.name} does not answer ({reason(error)}); it is tried again until it does")
@@ -68,6 +67,15 @@ class TcpClient(_Stream):
             if not self.closed.is_set():
                 self.say(f"{self.name} closed the connection; it is tried again")
                 back_off.wait()
+
+    def _connected(self) -> socket.socket:
+        connection = socket.create_connection((self._host, self._port), timeout=CONNECT_S)
+        try:
+            self._begin(connection)
+        except OSError:  # it left again
+            connection.close()
+            raise
+        return connection
 
     def _read(self, connection: socket.socket, take: Take) -> bool:
         """Read until the connection or this link is closed; whether anything came."""

@@ -9,6 +9,7 @@ from mavkf.service.endpoints.network import bound, is_near
 
 DATAGRAM = 65_535
 RECEIVE_BUFFER = 4 << 20  # bytes the kernel keeps for us while another program has the processor
+PAUSE_S = 0.01  # after an error, lest one that lasts takes all of the processor
 MOST_PEERS = 8
 FORGET_S = 30.0
 
@@ -36,7 +37,8 @@ class UdpListener(Link):
                     continue
                 try:
                     data, peer = self._socket.recvfrom(DATAGRAM)
-                except (BlockingIOError, ConnectionError):  # an answer of the network to a datagram of ours
+                except OSError:  # an answer of the network to a datagram of ours, or the network is down
+                    self.closed.wait(PAUSE_S)
                     continue
                 self._note(peer)
                 take(data, True)
@@ -108,8 +110,8 @@ class UdpClient(Link):
                 continue
             try:
                 take(made.recv(DATAGRAM), True)
-            except (BlockingIOError, ConnectionError):  # nobody is there yet
-                continue
+            except OSError:  # nobody is there yet
+                self.closed.wait(PAUSE_S)
 
     @property
     def is_local(self) -> bool | None:
