@@ -11,8 +11,6 @@ send. It opens nothing and waits for nothing.
     leave      every interval as it was found
 """
 
-import math
-from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import NamedTuple, TypeAlias
 
@@ -20,6 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mavkf.link.decode import Address
 from mavkf.link.layouts import message_ids
+from mavkf.service.rates import Rates
 from mavkf.service.streams import STREAMS, Stream, affordable, affordable_groups
 
 Message: TypeAlias = mavlink.MAVLink_message
@@ -28,7 +27,6 @@ Say = Callable[[str], None]
 ANSWER_S, TRIES = 0.5, 2
 LISTEN_S = 1.5  # twice, where something comes
 SETTLE_S = 3.0
-WINDOW_S = 3.0
 AGAIN_S = (3.0, 60.0)  # between askings that did not help
 SILENT_S = 5.0  # without a heartbeat: away
 ENOUGH = 0.6  # of the rate that was asked for: loss, and schedulers that round
@@ -42,41 +40,6 @@ class _Pause(NamedTuple):
     seconds: float
     messages: tuple[Message, ...] = ()
     done: Callable[[], bool] = lambda: False
-
-
-class Rates:
-    """How often the messages that matter came in the last WINDOW_S."""
-
-    def __init__(self) -> None:
-        self._buckets: deque[tuple[float, Counter[str]]] = deque()
-
-    def add(self, t: float, counts: Mapping[str, int]) -> None:
-        """Count messages heard at a time."""
-        if not self._buckets or t - self._buckets[-1][0] > WINDOW_S / 10:
-            self._buckets.append((t, Counter()))
-        self._buckets[-1][1].update(counts)
-
-    def count(self, t: float, names: tuple[str, ...]) -> int:
-        """How many of the most frequent of some messages."""
-        self._forget(t)
-        return max((sum(counts[name] for _, counts in self._buckets) for name in names), default=0)
-
-    def span(self, t: float) -> float:
-        """The seconds that are looked at."""
-        self._forget(t)
-        return max(t - self._buckets[0][0], 0.5) if self._buckets else WINDOW_S
-
-    def _forget(self, t: float) -> None:
-        while self._buckets and self._buckets[0][0] < t - WINDOW_S:
-            self._buckets.popleft()
-
-    def rate(self, t: float, names: tuple[str, ...]) -> float:
-        """Hz of the most frequent of some messages."""
-        return self.count(t, names) / self.span(t)
-
-    def reaches(self, t: float, names: tuple[str, ...], rate_hz: float) -> bool:
-        """Whether that is a rate; of slow messages one in the window is enough."""
-        return self.count(t, names) >= max(1, math.floor(rate_hz * self.span(t)))
 
 
 class Conversation:
@@ -97,6 +60,7 @@ class Conversation:
         self._answer: int | None = None
         self._is_mute = {"get": False, "set": False}  # it has not answered such a question
         self._asked: dict[Stream, float] = {}  # Hz
+        self._granted: set[Stream] = set()
         self._set: dict[str, int] = {}  # intervals asked for, microseconds
         self._found: dict[str, int] = {}  # intervals before that
         self._groups: dict[int, int] = {}  # data streams asked for: their rates before, Hz
@@ -194,6 +158,7 @@ class Conversation:
     def _ask(self, missing: list[Stream]) -> Iterator[_Pause]:
         self._is_mute = {"get": False, "set": False}
         self._asked = affordable(missing, self._budget())
+        self._granted.clear()
         for stream, rate in self._asked.items():
             wanted_us = round(1e6 / rate)
             for name in stream.messages:
@@ -201,10 +166,13 @@ class Conversation:
                 if found is not None and not _is_close(found, self._set.get(name)):
                     self._found[name] = found if found >= -1 else 0
                 if found is not None and 0 < found <= 1.1 * wanted_us:
-                    break  # it is set already, and comes as well as it can
+                    self._granted.add(stream)  # it is set already, and comes as well as it can
+                    break
                 before = self._set.get(name)
                 self._set[name] = wanted_us
                 result = yield from self._command("set", self._set_interval(name, wanted_us), "set")
+                if result == mavlink.MAV_RESULT_ACCEPTED:
+                    self._granted.add(stream)
                 if result in (None, mavlink.MAV_RESULT_ACCEPTED):
                     break
                 del self._set[name]  # denied: there is nothing to put back but what was granted before
@@ -212,10 +180,14 @@ class Conversation:
                     self._set[name] = before
 
     def _ask_groups(self) -> Iterator[_Pause]:
-        """Ask for whole groups where streams did not come."""
+        """Ask for whole groups where streams were not granted and did not come."""
         groups: dict[int, int] = {}
         for stream, rate in self._asked.items():
-            if stream.required and not self._rates.reaches(self._t, stream.sources, ENOUGH * rate):
+            if (
+                stream.required
+                and stream not in self._granted
+                and not self._rates.reaches(self._t, stream.sources, ENOUGH * rate)
+            ):
                 groups[stream.group] = 0
         for stream in STREAMS:
             if stream.group in groups:

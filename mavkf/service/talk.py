@@ -160,7 +160,8 @@ class Talk:
             if address not in given_up and t - talk.heard_at < AWAY_S
         ]
         if t - self._beat_at >= HEARTBEAT_S:
-            self._beat_at = max(self._beat_at + HEARTBEAT_S, t - HEARTBEAT_S / 2)  # once a second on the whole
+            is_late = t - self._beat_at > 2 * HEARTBEAT_S
+            self._beat_at = t if is_late else self._beat_at + HEARTBEAT_S  # once a second on the whole
             self._beat(present)
         for address in present:
             talk = self.conversations[address]
