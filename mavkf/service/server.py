@@ -57,7 +57,7 @@ def serve_links(
             link.open()
             ends.callback(link.close)
         talks = [Talk(link, number, manners) for number, link in enumerate(links)]
-        worker = _Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say), talks, belief)
+        worker = Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say), talks, belief)
         threads = []
         for number, link in enumerate(links):
             take = partial(inbox.put, number, patient=link.is_patient)
@@ -147,7 +147,7 @@ def _recorders(ends: ExitStack, folder: Path | None, names: Sequence[str], say: 
     return recorders
 
 
-class _Worker:
+class Worker:
     """From chunks to the fleet: frames of each link, recorded, then handed on together in the order of arrival."""
 
     def __init__(
@@ -159,10 +159,11 @@ class _Worker:
         belief: Belief,
     ) -> None:
         self._fleet, self._links, self._recorders, self._talks, self._belief = fleet, links, recorders, talks, belief
-        self._duplicates = Duplicates()
+        self.duplicates = Duplicates()
         self.streams = [FrameStream() for _ in links]
 
     def take(self, batch: Sequence[Chunk]) -> None:
+        """Take chunks in the order of arrival."""
         pieces, found, base = [], [], 0
         for chunk in batch:
             data, frames = self.streams[chunk.link].push(chunk.data, chunk.arrival_us, last=chunk.last)
@@ -176,7 +177,7 @@ class _Worker:
             frames = self._belief.allowed(frames)
             self._talks[chunk.link].hear(data, frames, time.monotonic())
             if len(self._links) > 1:
-                frames = self._duplicates.dropped(data, frames, chunk.link)
+                frames = self.duplicates.dropped(data, frames, chunk.link)
             frames["offset"] += base
             base += data.size
             pieces.append(data)
@@ -185,10 +186,12 @@ class _Worker:
             self._fleet.take(np.concatenate(pieces), np.concatenate(found))
 
     def speak(self) -> None:
+        """Send over each link what there is to say."""
         for talk in self._talks:
             talk.speak(time.monotonic(), self._fleet.given_up)
 
     def flush(self) -> None:
+        """Hand what is recorded to the operating system."""
         for recorder in self._recorders:
             recorder.flush()
 
@@ -203,7 +206,7 @@ class _Worker:
                 )
             if link.unsent:
                 say(f"{link.name}: {link.unsent} messages could not be sent")
-        for text in (*self._belief.report(), *self._duplicates.report()):
+        for text in (*self._belief.report(), *self.duplicates.report()):
             say(text)
 
 

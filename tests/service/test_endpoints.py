@@ -4,21 +4,25 @@ import errno
 import ipaddress
 import os
 import pty
+import random
 import socket
 import subprocess
 import sys
 import termios
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import serial
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from mavkf.cli.serve import serve as serve_command
-from mavkf.errors import EndpointError, UsageError
+from mavkf.errors import EndpointError, LogError, UsageError
 from mavkf.publish.session import open_session
 from mavkf.service.endpoints import KINDS, Link, network, source
 from mavkf.service.endpoints.network import is_near, own_networks
@@ -355,6 +359,50 @@ def test_near_is_this_machine_and_its_own_private_networks(
 
 def test_this_machines_own_networks_are_known() -> None:
     assert any(network.is_loopback and network.prefixlen == 8 for network in own_networks())
+
+
+@given(
+    st.builds(
+        str.__add__,
+        st.sampled_from(["", *(f"{kind}:" for kind in KINDS), "udpin:127.0.0.1:", "serial:/dev/x:"]),
+        st.text(),
+    )
+)
+@example("x" * 5000)
+@example("udpin:[::1]:14550")
+def test_any_words_make_a_source_or_one_sentence(text: str) -> None:
+    try:
+        made = source(text, print)
+    except (UsageError, LogError) as error:
+        assert "\n" not in str(error).replace(text, "")
+    else:
+        assert isinstance(made, Link | Path)
+
+
+@pytest.mark.parametrize("kind", ["tcp", "tcpin", "serial"])
+def test_a_stream_arrives_as_it_was_sent(kind: str, line: tuple[int, Path]) -> None:
+    far, path = line
+    data = random.Random(1).randbytes(200_000)
+    with ExitStack() as ends:
+        server = ends.enter_context(socket.create_server(("127.0.0.1", 0)))
+        server.settimeout(PATIENCE_S)
+        text = {
+            "tcp": f"tcp:127.0.0.1:{server.getsockname()[1]}",
+            "tcpin": "tcpin:127.0.0.1:0",
+            "serial": f"serial:{path}:921600",
+        }[kind]
+        _, heard = ends.enter_context(running(text))
+        if kind == "serial":
+            write = partial(os.write, far)
+        elif kind == "tcp":
+            write = ends.enter_context(server.accept()[0]).send
+        else:
+            write = ends.enter_context(socket.create_connection(("127.0.0.1", heard.port()))).send
+        at = 0
+        while at < len(data):
+            at += write(data[at : at + 1 + at % 3001])
+        heard.wait(lambda heard: sum(len(chunk) for chunk, _ in heard.chunks) == len(data))
+        assert heard.data == data
 
 
 def test_help_names_every_kind() -> None:

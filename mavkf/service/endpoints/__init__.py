@@ -3,6 +3,7 @@
 What a link gives away has no stamp yet: the `Inbox` takes the arrival stamp, once.
 """
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -77,7 +78,7 @@ def source(text: str, say: Say, session: Session = lambda: open_session(publishe
 
     Raises UsageError for an unknown scheme or a malformed address, LogError for a log that is not there.
     """
-    if Path(text).exists():
+    if os.path.exists(text):  # not Path.exists, which raises where a name is too long for a file
         return Path(text)
     if text == "stdin":
         return KINDS["stdin"].make(text, "", session, say)
