@@ -25,6 +25,7 @@ from mavkf.cli.serve import serve as serve_command
 from mavkf.errors import EndpointError, LogError, UsageError
 from mavkf.publish.session import open_session
 from mavkf.service.endpoints import KINDS, Link, network, source
+from mavkf.service.endpoints.link import Outlet
 from mavkf.service.endpoints.network import is_near, own_networks
 from mavkf.service.inbox import CAPACITY, Inbox
 
@@ -175,6 +176,29 @@ def test_a_tcp_client_writes_and_never_waits_for_who_does_not_read() -> None:
                 assert data == message * (count + 1)
             heard.wait(lambda heard: any("tried again" in text for text in heard.said))
             assert not link.send(b"x")
+
+
+def test_a_message_that_was_cut_is_finished_before_the_next() -> None:
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    outlet, message = Outlet(), bytes(range(250)) * 40
+    assert not outlet.send(message)
+    outlet.attach(writing)
+    sent = 0
+    while outlet.send(message):
+        sent += 1
+    data = b""
+    for _ in range(3):
+        data += os.read(reading, 1 << 20)
+        sent += outlet.send(message)
+    outlet.detach()
+    assert not outlet.send(message)
+    os.close(writing)
+    while more := os.read(reading, 1 << 20):
+        data += more
+    os.close(reading)
+    assert data == message * sent
+    assert sent * len(message) % 65536
 
 
 def test_a_tcp_listener_takes_the_newest_connection() -> None:
@@ -353,7 +377,7 @@ def test_a_patient_chunk_waits_for_room_and_is_let_go_at_the_end() -> None:
 def test_near_is_this_machine_and_its_own_private_networks(
     host: str, near: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(network, "own_networks", lambda: iter([ipaddress.IPv4Network("172.30.1.0/24")]))
+    monkeypatch.setattr(network, "own_networks", lambda: map(ipaddress.IPv4Network, ["172.30.1.0/24", "8.8.8.0/24"]))
     assert is_near(host) is near
 
 
