@@ -334,8 +334,13 @@ def test_a_zenoh_key_that_has_no_sibling_only_listens() -> None:
 def test_standard_input_ends_the_service(flight: Frames, reader: Reader) -> None:
     data = b"".join(frame for _, frame in flight)
     words = [sys.executable, "-m", "mavkf", "serve", "stdin", "--quiet"]
-    ended = subprocess.run(words, input=data, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False)
-    assert ended.returncode == 0, ended.stderr
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        try:
+            reader.wait_for_publisher()
+            _, errors = process.communicate(data, timeout=PATIENCE_S)
+            assert process.returncode == 0, errors
+        finally:
+            process.kill()
     reader.wait(has_pose_at(20.9))
 
 
