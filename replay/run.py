@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -19,8 +19,9 @@ from mavkf.navigation.any_form import FormRun
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts, joined, run_offline
 from mavkf.navigation.setup import MODELS, Setup
 from mavkf.replay.faults import Fault, apply_faults
-from mavkf.replay.tlog import Log, read_tlog
+from mavkf.replay.tlog import Log
 from mavkf.samples import IMU_SOURCES, KIND, SEQUENCE, SESSION, TIME, Kind, Source
+from mavkf.service.playback import read_together
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
 Array = NDArray[np.float64]
@@ -151,19 +152,20 @@ def vehicle_name(address: tuple[int, int]) -> str:
 
 
 def run(
-    path: Path,
+    path: Path | Sequence[Path],
     options: Options,
     progress: Callable[[str, float], object] | None = None,
     each: Callable[[VehicleStream, Step], object] | None = None,
 ) -> Result:
-    """Replay a log.
+    """Replay a log, or the logs of several links of one flight as one.
 
     progress: called with what is being done ("reading", "estimating") and the share that is done.
     each: called with every step of a run as live, for what needs records. Raises LogError, UsageError.
     """
     check(options)
     begin = time.perf_counter()
-    log = read_tlog(path, (lambda share: progress("reading", share)) if progress else None)
+    paths = [path] if isinstance(path, Path) else path
+    log = read_together(paths, (lambda share: progress("reading", share)) if progress else None)
     addresses = chosen_vehicles(log, options)
     read = time.perf_counter()
     sessions: list[SessionResult] = []
@@ -179,7 +181,7 @@ def run(
         sessions += found
     if options.session is not None and not sessions:
         raise UsageError(
-            f"--session {options.session}: no vehicle has a session of this number; `mavkf info {path}` lists them"
+            f"--session {options.session}: no vehicle has a session of this number; `mavkf info {paths[0]}` lists them"
         )
     return Result(log, sessions, clocks, read - begin, time.perf_counter() - read)
 

@@ -28,9 +28,7 @@ LONG_BYTES = 20_000_000  # files from here on get a progress bar
 
 
 def replay(  # noqa: D417 (the rest is described in _console)
-    log: Path | None = None,
-    /,
-    *,
+    *logs: Path,
     csv: Path | None = None,
     jsonl: Path | None = None,
     as_live: bool = False,
@@ -64,6 +62,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
     what a live run would have published at that moment. Exit code 1 if nothing could be estimated.
 
     Args:
+        logs: A log, or the recordings of several links of one flight, which are merged by arrival.
         csv: Write the estimates to this file.
         jsonl: Write the pose records to this file, one JSON object a line, as they are published (implies --as-live).
         as_live: Feed the samples in their order of arrival.
@@ -93,9 +92,10 @@ def replay(  # noqa: D417 (the rest is described in _console)
         return _list_settings()
     if faults:
         return _list_faults()
-    if log is None:
+    if not logs:
         raise UsageError("mavkf replay needs the path of a log (.tlog)")
-    _check_outputs(log, csv, jsonl, plot)
+    for log in logs:
+        _check_outputs(log, csv, jsonl, plot)
     if truth is not None and plot is None:
         raise UsageError("--truth is drawn by --plot: give that too")
     if not publish and (connect or listen or zenoh_config):
@@ -114,12 +114,13 @@ def replay(  # noqa: D417 (the rest is described in _console)
         form=form,
         update=update,
     )
-    map_log(log)  # a wrong path is said at once, not after the compiler
+    for log in logs:
+        map_log(log)  # a wrong path is said at once, not after the compiler
     compile_first(smoothing=smooth)
     for ordered in options.faults:
-        say(f"put into {log}: {ordered}")
+        say(f"put into {' + '.join(map(str, logs))}: {ordered}")
     with (
-        _progress(log) as progress,
+        _progress(max(logs, key=_size)) as progress,
         _pose_file(jsonl) as file,
         _publishing(publish, connect, listen, zenoh_config) as send,
     ):
@@ -133,7 +134,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
             elif file is not None:
                 file.writelines(encode(pose) + b"\n" for pose in stream.poses(step))
 
-        result = run(log, options, progress, each if file is not None or send is not None else None)
+        result = run(logs, options, progress, each if file is not None or send is not None else None)
     rows = write_csv(csv, result.sessions) if csv is not None else None
     _report(result, json, diagnose)
     if not result.sessions:
@@ -182,10 +183,14 @@ def _shown(default: Any) -> str:
     return str(default).lower() if isinstance(default, bool) else f"{default:g}"
 
 
+def _size(log: Path) -> int:
+    return log.stat().st_size if log.is_file() else 0
+
+
 @contextmanager
 def _progress(log: Path) -> Iterator[Callable[[str, float], object] | None]:
     """A progress bar on stderr for a long file in a terminal, else nothing."""
-    if not (sys.stderr.isatty() and log.is_file() and log.stat().st_size > LONG_BYTES):
+    if not (sys.stderr.isatty() and _size(log) > LONG_BYTES):
         yield None
         return
     from rich.progress import Progress

@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import threading
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, get_args
@@ -23,6 +24,13 @@ def serve(  # noqa: D417 (the rest is described in _console)
     speed: float = 1.0,
     wait_subscriber: float | None = None,
     record: Path | None = None,
+    request: Annotated[bool | None, Parameter(negative="--no-request", show_default=False)] = None,
+    link_share: float = 0.5,
+    source_system: int | None = None,
+    source_component: int = 191,
+    allow: Annotated[tuple[str, ...], Repeated] = (),
+    signing_key: str | None = None,
+    allow_unsigned: bool = False,
     rate: float = 50.0,
     vehicle_name: Annotated[tuple[str, ...], Repeated] = (),
     imu: str | None = None,
@@ -37,14 +45,28 @@ def serve(  # noqa: D417 (the rest is described in _console)
 ) -> int:
     """Read live telemetry or a log, estimate, publish over zenoh.
 
+    SOURCE is one of udpin:HOST:PORT (listen for datagrams), udpout:HOST:PORT (send datagrams there first, and listen for the
+    answers), tcp:HOST:PORT (connect to a server), tcpin:HOST:PORT (be the server, for one connection at a time),
+    serial:PATH:BAUD (a serial port), zenoh:KEY (raw MAVLink frames on a zenoh key, as mavlink_raw/out), stdin (raw MAVLink from
+    standard input), or a log (.tlog). Several links, or several logs, at once.
+
     Runs until the end of the log, or Ctrl-C. Exit code 0 when a log was served, 1 when nothing could be estimated, 130
     after Ctrl-C, 0 after SIGTERM.
 
     Args:
-        sources: udpin:host:port, tcp:host:port, or logs (.tlog).
+        sources: Where telemetry comes from, as above.
         speed: Of logs: times the recorded pace, 0 for as fast as possible.
         wait_subscriber: Of logs: wait so many seconds for the first subscriber, and from then on rather wait than drop.
         record: Folder to record what comes in, a tlog for each source.
+        request: Of links: ask the vehicle for the streams that are needed, over a radio too, or never ask and send nothing at all.
+            Without either it asks over this machine and its own networks only.
+        link_share: The share of a serial port's or a distant link's bytes that may be asked for, 0 to 1.
+        source_system: Our MAVLink system id; that of the vehicle if not given.
+        source_component: Our MAVLink component id; 191 is an onboard computer.
+        allow: Of links: believe these system ids only, as in 1,2; may be repeated.
+        signing_key: Of links: MAVLink 2 signing by the key in this file, 64 hex digits, or a passphrase: frames that are not
+            signed with it are refused, ours are signed.
+        allow_unsigned: Take frames without a signature all the same.
         rate: Poses a second of the vehicle's clock; 0 for one each IMU sample.
         vehicle_name: SYSID-COMPID=NAME, as in 1-1=alpha: call this vehicle so in keys and records; may be repeated.
         imu: IMU message to use, as in RAW_IMU; chosen from the first seconds if not given.
@@ -57,10 +79,13 @@ def serve(  # noqa: D417 (the rest is described in _console)
     """
     from mavkf.config import Config, read_config, with_settings
     from mavkf.publish.records import Encoding, check_choice
+    from mavkf.publish.session import open_session, publishing_session
     from mavkf.service.endpoints import source
 
     if not sources:
-        raise UsageError("serve needs a source: udpin:host:port, tcp:host:port, or the path of a log")
+        raise UsageError(
+            "serve needs a source: udpin:HOST:PORT, tcp:HOST:PORT or another (--help), or the path of a log"
+        )
     if not 0.0 <= speed < math.inf:
         raise UsageError(f"--speed {speed:g}: give times the recorded pace, or 0 for as fast as possible")
     if wait_subscriber is not None and not 0.0 <= wait_subscriber < math.inf:
@@ -70,7 +95,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     check_choice("encoding", encoding, Encoding)
     names = _names(vehicle_name)
     settings = with_settings(read_config(config) if config else Config(), set)
-    opened = [source(text, _whisper if quiet else say) for text in sources]
+    zenoh_session = partial(open_session, publishes=False, connect=connect, config_file=zenoh_config)
+    opened = [source(text, _whisper if quiet else say, zenoh_session) for text in sources]
     logs = [one for one in opened if isinstance(one, Path)]
     links = [one for one in opened if not isinstance(one, Path)]
     if logs and links:
@@ -79,16 +105,29 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError("--wait-subscriber is for logs: live telemetry waits for nobody")
     if links and speed != 1.0:
         raise UsageError("--speed is for logs: live telemetry has its own pace")
+    if logs and (request is not None or allow or signing_key is not None):
+        raise UsageError(
+            "--request, --no-request, --allow and --signing-key are for live telemetry: a log is taken as it is"
+        )
+    systems = _systems(allow)
+    _check_talk(link_share, source_system, source_component)
+    if request is False and any(link.speaks_first for link in links):
+        raise UsageError("--no-request sends nothing, and what answers a udpout: is silent until then: use udpin:")
+    if allow_unsigned and signing_key is None:
+        raise UsageError("--allow-unsigned is about --signing-key: without a key signatures are not looked at")
 
     from mavkf.navigation.setup import MODELS
-    from mavkf.publish.session import publishing_session
     from mavkf.replay.run import imu_source
+    from mavkf.service.belief import Belief
     from mavkf.service.fleet import Options
     from mavkf.service.server import serve_links, serve_logs
+    from mavkf.service.signing import Signing, read_key
+    from mavkf.service.talk import Manners
 
     if model is not None and model not in MODELS:
         raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
     imu_message = imu_source(imu)
+    signing = Signing(read_key(signing_key), say, allow_unsigned=allow_unsigned) if signing_key is not None else None
     compile_first()
     options = Options(
         rate_hz=rate,
@@ -105,7 +144,23 @@ def serve(  # noqa: D417 (the rest is described in _console)
         publishing_session(listen=listen, connect=connect, config_file=zenoh_config) as session,
     ):
         if links:
-            poses = serve_links(links, session, options, say=say, stopped=signals.stopped, record=record)
+            poses = serve_links(
+                links,
+                session,
+                options,
+                say=say,
+                stopped=signals.stopped,
+                belief=Belief(signing=signing, systems=systems, say=say),
+                manners=Manners(
+                    system=source_system,
+                    component=source_component,
+                    request=request,
+                    share=link_share,
+                    signing=signing,
+                    say=_whisper if quiet else say,
+                ),
+                record=record,
+            )
         else:
             poses = serve_logs(
                 logs,
@@ -129,6 +184,22 @@ def serve(  # noqa: D417 (the rest is described in _console)
 
 def _whisper(text: str) -> None:
     """Say nothing."""
+
+
+def _systems(allow: tuple[str, ...]) -> frozenset[int] | None:
+    """The system ids of `--allow 1,2`; None: all."""
+    ids = [word.strip() for text in allow for word in text.split(",")]
+    if not all(word.isascii() and word.isdigit() and 1 <= int(word[:9]) <= 255 for word in ids):
+        raise UsageError(f"--allow {','.join(ids)}: give MAVLink system ids from 1 to 255, as in 1,2")
+    return frozenset(map(int, ids)) or None
+
+
+def _check_talk(share: float, system: int | None, component: int) -> None:
+    if not 0.0 < share <= 1.0:
+        raise UsageError(f"--link-share {share:g}: give a share above 0, at most 1")
+    for option, number in (("--source-system", system), ("--source-component", component)):
+        if number is not None and not 1 <= number <= 255:
+            raise UsageError(f"{option} {number}: give a MAVLink id from 1 to 255")
 
 
 def _names(assignments: tuple[str, ...]) -> dict[str, str]:

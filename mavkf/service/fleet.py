@@ -62,6 +62,8 @@ class Fleet:
         self.vehicles: dict[Address, Vehicle] = {}
         self.refused = DecodeCounts()
         self.errors: list[MavkfError] = []
+        self.given_up: set[Address] = set()
+        """Vehicles that nothing is estimated of any more."""
         self._ignored: set[Address] = set()
         self._is_full = False
         self._session, self._options, self.warn = session, options, say
@@ -131,6 +133,7 @@ class Fleet:
                 self._publish(vehicle, step)
         except MavkfError as error:  # a forced choice that this vehicle cannot serve; the others go on
             self.errors.append(error)
+            self.given_up.add(address)
             self.warn(f"vehicle {vehicle.name} is given up: {error}")
             self._drop(address)
 

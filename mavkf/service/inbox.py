@@ -39,21 +39,27 @@ class Inbox:
         self._size = 0
         self._stamp, self._link = 0, -1
         self._told_us, self._told = 0, 0
+        self._is_closed = False
         self._changed = Condition()
 
-    def put(self, link: int, data: bytes, last: bool) -> None:
-        """Stamp a chunk and queue it; where there is no room it is dropped, counted, and that is said."""
+    def put(self, link: int, data: bytes, last: bool, *, patient: bool = False) -> None:
+        """Stamp a chunk and queue it; where there is no room it is dropped, counted, and that is said.
+
+        patient: rather wait for room, for a source that can be held up.
+        """
         with self._changed:
+            if patient:
+                self._changed.wait_for(lambda: self._is_closed or self._has_room(data))
             # the stamp and the place in the queue are taken together, so that their orders agree
             self._stamp = max(self._now_us(), self._stamp + (link != self._link))
             self._link = link
-            if self._size + len(data) + OVERHEAD > CAPACITY:
+            if not self._has_room(data):
                 self.dropped += 1
                 self._complain()
                 return
             self._size += len(data) + OVERHEAD
             self._chunks.append(Chunk(link, self._stamp, data, last))
-            self._changed.notify()
+            self._changed.notify_all()
 
     def get(self, timeout_s: float) -> list[Chunk]:
         """Give the chunks that wait (at most BATCH), in order; none if none came in time."""
@@ -62,7 +68,17 @@ class Inbox:
                 self._changed.wait(timeout_s)
             batch = [self._chunks.popleft() for _ in range(min(BATCH, len(self._chunks)))]
             self._size -= sum(len(chunk.data) + OVERHEAD for chunk in batch)
+            self._changed.notify_all()
             return batch
+
+    def close(self) -> None:
+        """Let go of who waits for room."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
+
+    def _has_room(self, data: bytes) -> bool:
+        return self._size + len(data) + OVERHEAD <= CAPACITY
 
     def _complain(self) -> None:
         if self._stamp - self._told_us >= REPORT_US:

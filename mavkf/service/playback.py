@@ -1,12 +1,16 @@
 """Logs in place of a link: merged by arrival, and when each frame is due."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.replay.tlog import Log
+from mavkf.link.decode import DecodeCounts, decode
+from mavkf.link.framing import FrameCounts
+from mavkf.replay.tlog import Log, read_tlog
+from mavkf.service.duplicates import Duplicates
 
 LONGEST_WAIT_US = 5_000_000
 """A step of the stamps longer than this is a pause of the recording, or damage; nobody wants to sit through it."""
@@ -24,7 +28,10 @@ class Merged(NamedTuple):
 
 
 def merge(logs: Sequence[Log]) -> Merged:
-    """Merge logs by stamp, ties in argument order; the order within each file stays, even where its stamps fall."""
+    """Merge logs by stamp, ties in argument order; the order within each file stays, even where its stamps fall.
+
+    What came over several links is taken once (`mavkf.service.duplicates`).
+    """
     if len(logs) == 1:
         return Merged(logs[0].data, logs[0].frames, np.zeros(len(logs[0].frames), np.int64))
     parts, base = [], 0
@@ -35,7 +42,29 @@ def merge(logs: Sequence[Log]) -> Merged:
         parts.append(frames)
     order = np.argsort(np.concatenate([np.maximum.accumulate(part["stamp"]) for part in parts]), kind="stable")
     numbers = np.repeat(np.arange(len(logs)), [len(part) for part in parts])
-    return Merged(np.concatenate([log.data for log in logs]), np.concatenate(parts)[order], numbers[order])
+    data, frames, numbers = np.concatenate([log.data for log in logs]), np.concatenate(parts)[order], numbers[order]
+    new = Duplicates().are_new(data, frames, numbers)
+    return Merged(data, frames[new], numbers[new])
+
+
+def read_together(paths: Sequence[Path], progress: Callable[[float], object] | None = None) -> Log:
+    """Read the tlogs of several links of one flight as one log, merged as a service that heard them all took them.
+
+    progress: called with the share of the files that is read. Raises LogError.
+    """
+    logs = []
+    for k, path in enumerate(paths):
+        part = (lambda share, k=k: progress((k + share) / len(paths))) if progress is not None else None
+        logs.append(read_tlog(path, part))
+    if len(logs) == 1:
+        return logs[0]
+    data, frames, _ = merge(logs)
+    damage = FrameCounts(
+        *(sum(counts) for counts in zip(*(log.damage.as_dict().values() for log in logs), strict=True))
+    )
+    refused = DecodeCounts()
+    rows = decode(data, frames, refused)
+    return Log(Path(" + ".join(map(str, paths))), sum(log.size for log in logs), data, frames, damage, refused, rows)
 
 
 def due_times(stamps: NDArray[np.int64], speed: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -8,6 +8,7 @@ bit (`utc_ns` aside), what `replay --as-live` computes from the recording that w
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from threading import Thread
 
@@ -18,11 +19,14 @@ from mavkf.errors import LogError
 from mavkf.link.framing import FrameStream
 from mavkf.publish.publisher import Publisher
 from mavkf.replay.tlog import read_tlog
+from mavkf.service.belief import Belief
+from mavkf.service.duplicates import Duplicates
 from mavkf.service.endpoints import POLL_S, Link
 from mavkf.service.fleet import Fleet, Options
 from mavkf.service.inbox import Chunk, Inbox
 from mavkf.service.playback import Merged, due_times, merge
 from mavkf.service.recorder import Recorder
+from mavkf.service.talk import Manners, Talk
 
 Say = Callable[[str], None]
 SLICE = 512  # frames of a log between two looks at whether to stop
@@ -37,12 +41,14 @@ def serve_links(
     *,
     say: Say,
     stopped: Callable[[], bool],
+    belief: Belief,
+    manners: Manners,
     record: Path | None = None,
 ) -> int:
-    """Serve live links until `stopped` says so; return how many poses were published.
+    """Serve live links until `stopped` says so or all have ended; return how many poses were published.
 
     stopped: asked several times a second, and between pieces of work. record: folder for the recordings.
-    Raises EndpointError, InputError.
+    belief: which frames are believed; manners: how the links are talked to. Raises EndpointError, InputError.
     """
     with ExitStack() as ends:
         fleet = _fleet(ends, session, options, say)
@@ -50,26 +56,33 @@ def serve_links(
         for link in links:  # all ports first, so that nothing runs, nor is a recording begun, if one cannot be had
             link.open()
             ends.callback(link.close)
-        worker = _Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say))
+        talks = [Talk(link, number, manners) for number, link in enumerate(links)]
+        worker = Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say), talks, belief)
         threads = []
         for number, link in enumerate(links):
-            take = lambda data, last, number=number: inbox.put(number, data, last)  # noqa: E731
+            take = partial(inbox.put, number, patient=link.is_patient)
             threads.append(Thread(target=link.receive, args=(take,), name=link.name, daemon=True))
             threads[-1].start()
         begin = time.monotonic()
         told = False
         while not stopped():
+            have_ended = all(link.has_ended for link in links)
             batch = inbox.get(POLL_S)
             worker.take(batch)
+            worker.speak()
             if not batch:
                 worker.flush()
+                if have_ended:
+                    break
             if not told and time.monotonic() - begin > PATIENCE_S:
                 told = True
                 for link, stream in zip(links, worker.streams, strict=True):
                     if stream.counts.frames == 0:
                         say(f"no MAVLink has come from {link.name} yet; it is waited for")
-        for link in links:
+        for link, talk in zip(links, talks, strict=True):
+            talk.leave()
             link.close()
+        inbox.close()
         for thread in threads:
             thread.join(2 * POLL_S)
         for number, stream in enumerate(worker.streams):
@@ -134,21 +147,37 @@ def _recorders(ends: ExitStack, folder: Path | None, names: Sequence[str], say: 
     return recorders
 
 
-class _Worker:
+class Worker:
     """From chunks to the fleet: frames of each link, recorded, then handed on together in the order of arrival."""
 
-    def __init__(self, fleet: Fleet, links: Sequence[Link], recorders: Sequence[Recorder]) -> None:
-        self._fleet, self._links, self._recorders = fleet, links, recorders
+    def __init__(
+        self,
+        fleet: Fleet,
+        links: Sequence[Link],
+        recorders: Sequence[Recorder],
+        talks: Sequence[Talk],
+        belief: Belief,
+    ) -> None:
+        self._fleet, self._links, self._recorders, self._talks, self._belief = fleet, links, recorders, talks, belief
+        self.duplicates = Duplicates()
         self.streams = [FrameStream() for _ in links]
 
     def take(self, batch: Sequence[Chunk]) -> None:
+        """Take chunks in the order of arrival."""
         pieces, found, base = [], [], 0
         for chunk in batch:
             data, frames = self.streams[chunk.link].push(chunk.data, chunk.arrival_us, last=chunk.last)
+            if chunk.last and not chunk.data:
+                self._talks[chunk.link].cut()
+            frames = self._belief.signed(data, frames)
             if not len(frames):
                 continue
             if self._recorders:
                 self._recorders[chunk.link].write(data, frames)
+            frames = self._belief.allowed(frames)
+            self._talks[chunk.link].hear(data, frames, time.monotonic())
+            if len(self._links) > 1:
+                frames = self.duplicates.dropped(data, frames, chunk.link)
             frames["offset"] += base
             base += data.size
             pieces.append(data)
@@ -156,7 +185,13 @@ class _Worker:
         if found:
             self._fleet.take(np.concatenate(pieces), np.concatenate(found))
 
+    def speak(self) -> None:
+        """Send over each link what there is to say."""
+        for talk in self._talks:
+            talk.speak(time.monotonic(), self._fleet.given_up)
+
     def flush(self) -> None:
+        """Hand what is recorded to the operating system."""
         for recorder in self._recorders:
             recorder.flush()
 
@@ -169,6 +204,10 @@ class _Worker:
                     f"{link.name}: beside {counts.frames} frames {counts.bad_crc} with a bad CRC, "
                     f"{counts.truncated} unfinished, {counts.stray_bytes} stray bytes"
                 )
+            if link.unsent:
+                say(f"{link.name}: {link.unsent} messages could not be sent")
+        for text in (*self._belief.report(), *self.duplicates.report()):
+            say(text)
 
 
 def _wait(publisher: Publisher, patience_s: float, say: Say, stopped: Callable[[], bool]) -> None:

@@ -85,6 +85,7 @@ def udp(flight: Frames, serve: Start, reader: Reader, tmp_path: Path) -> Iterato
     """A service that listens, and what sends it the flight."""
     process = serve("udpin:127.0.0.1:0", "--record", tmp_path)
     port = int(process.line("listens on").rsplit(":", 1)[1])
+    reader.wait_for_publisher()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.connect(("127.0.0.1", port))
 
@@ -132,6 +133,7 @@ def test_tcp_cut_anywhere_gives_what_its_recording_gives(
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(20)
         process = serve(f"tcp:127.0.0.1:{server.getsockname()[1]}", "--record", tmp_path)
+        reader.wait_for_publisher()
         data = b"".join(frame for _, frame in flight)
         half = len(data) // 2 + 5  # in the midst of a frame, where the first connection ends
         for part in (data[:half], data[half:]):
@@ -170,6 +172,7 @@ def test_a_recorded_flight_over_udp_gives_what_its_recording_gives(
     assert FLIGHTS is not None
     process = serve("udpin:127.0.0.1:0", "--record", tmp_path, "--quiet")
     port = listening_port(process.process.pid)
+    reader.wait_for_publisher()
     player = Path(FLIGHTS).parent / "tools" / "play_tlog.py"
     words = (Path(FLIGHTS) / "ap01_copter_highrate.tlog", "--udp", f"127.0.0.1:{port}", "--speed", 8, "--to", 60)
     played = subprocess.run([sys.executable, player, *map(str, words)], capture_output=True, text=True, check=True)
@@ -247,6 +250,7 @@ def test_ctrl_c_before_the_set_up_publishes_what_a_replay_does(
 ) -> None:
     process = serve("udpin:127.0.0.1:0", "--record", tmp_path)
     port = int(process.line("listens on").rsplit(":", 1)[1])
+    reader.wait_for_publisher()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.connect(("127.0.0.1", port))
         for _, frame in flight[:180]:  # three seconds, two less than the set-up takes
@@ -275,13 +279,29 @@ def test_a_killed_service_leaves_a_readable_recording(
     ("words", "code", "named"),
     [
         ("", 2, ["source", "udpin"]),
-        ("udp:127.0.0.1:14550", 2, ["udp:", "udpin:host:port", "tcp:host:port"]),
+        (
+            "udp:127.0.0.1:14550",
+            2,
+            ["udp:", "udpin:HOST:PORT", "tcp:HOST:PORT", "serial:PATH:BAUD", "zenoh:KEY", "stdin"],
+        ),
         ("udpin:127.0.0.1", 2, ["udpin:127.0.0.1", "host:port"]),
         ("udpin:127.0.0.1:70000", 2, ["70000", "host:port"]),
+        ("serial:/dev/ttyACM0", 2, ["serial:/dev/ttyACM0", "path:baud"]),
+        ("serial:/dev/ttyACM0:fast", 2, ["fast", "path:baud"]),
+        ("serial:/dev/no-such:57600", 1, ["/dev/no-such", "does not exist", "/dev/serial/by-id"]),
+        ("zenoh:a//b", 2, ["a//b", "zenoh:mavlink_raw/out"]),
+        ("tcpin:192.0.2.1:0", 1, ["192.0.2.1", "address of this machine"]),
         ("udpin:192.0.2.1:0", 1, ["192.0.2.1", "address of this machine"]),
         ("missing.tlog", 1, ["missing.tlog", "does not exist"]),
         ("{log} udpin:127.0.0.1:0", 2, ["log", "live", "two commands"]),
         ("udpin:127.0.0.1:0 --wait-subscriber 1", 2, ["--wait-subscriber", "logs"]),
+        ("udpin:127.0.0.1:0 --link-share 2", 2, ["--link-share", "at most 1"]),
+        ("udpin:127.0.0.1:0 --source-component 256", 2, ["--source-component", "255"]),
+        ("udpin:127.0.0.1:0 --allow 1,300", 2, ["--allow", "300", "1,2"]),
+        ("udpin:127.0.0.1:0 --allow-unsigned", 2, ["--allow-unsigned", "--signing-key"]),
+        ("udpout:127.0.0.1:14550 --no-request", 2, ["--no-request", "udpin:"]),
+        ("{log} --request", 2, ["--request", "live"]),
+        ("{log} --allow 1", 2, ["--allow", "live"]),
         ("udpin:127.0.0.1:0 --imu COMPASS", 2, ["COMPASS", "RAW_IMU"]),
         ("udpin:127.0.0.1:0 --model best", 2, ["best", "strapdown"]),
         ("udpin:127.0.0.1:0 --rate=-1", 2, ["--rate", "second"]),
