@@ -6,16 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
-from mavkf.filters.forms import FORMS
-from mavkf.filters.orders import ORDERS
 from mavkf.link.clocks import ClockCounts, VehicleClock
-from mavkf.navigation.any_form import FormRun
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts, joined, run_offline
 from mavkf.navigation.setup import MODELS, Setup
 from mavkf.replay.faults import Fault, apply_faults
@@ -24,8 +22,11 @@ from mavkf.samples import IMU_SOURCES, KIND, SEQUENCE, SESSION, TIME, Kind, Sour
 from mavkf.service.playback import read_together
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
+if TYPE_CHECKING:
+    from mavkf.navigation.any_form import FormRun
+
 Array = NDArray[np.float64]
-OWN_FORM = "joseph"  # the form of the fold
+OWN_FORM, OWN_ORDER = "joseph", "first"  # of the fold
 BLOCK = 50_000  # rows between two calls of `progress`
 
 
@@ -59,7 +60,7 @@ class Options:
         """The form and order to run with, where one of them was asked for."""
         if self.form is None and self.update is None:
             return None
-        return self.form or OWN_FORM, self.update or ORDERS[0]
+        return self.form or OWN_FORM, self.update or OWN_ORDER
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class SessionResult:
     state: Array
     parameters: Array
     hindsight: tuple[str, ...] = ()
-    form: FormRun | None = None
+    form: "FormRun | None" = None
 
 
 @dataclass(frozen=True)
@@ -114,10 +115,13 @@ def check(options: Options) -> Options:
         raise UsageError(
             "--smooth uses what came later, which no live run knows: leave --as-live, --jsonl and --publish out"
         )
-    if options.form is not None and options.form not in FORMS:
-        raise UsageError(f"--form {options.form}: choose one of {', '.join(FORMS)}")
-    if options.update is not None and options.update not in ORDERS:
-        raise UsageError(f"--update {options.update}: choose one of {', '.join(ORDERS)}")
+    if options.other_filter is not None:
+        from mavkf.filters.forms import FORMS  # what few runs need is imported for them
+        from mavkf.filters.orders import ORDERS
+
+        for option, name, known in (("form", options.form, FORMS), ("update", options.update, ORDERS)):
+            if name is not None and name not in known:
+                raise UsageError(f"--{option} {name}: choose one of {', '.join(known)}")
     if options.other_filter is not None and options.as_live:
         raise UsageError(
             "--form and --update go over a whole flight, which no live run has: leave --as-live, --jsonl and --publish out"

@@ -144,9 +144,13 @@ def _filter(session: SessionResult) -> dict[str, Any] | None:
 
 def _rates(rows: Array) -> dict[str, float]:
     rates = {}
+    key = rows[:, KIND].astype(np.int64) * len(Source) + rows[:, SOURCE].astype(np.int64)
+    present = np.flatnonzero(np.bincount(key))
     for kind in (Kind.IMU, Kind.GNSS, Kind.MAGNETOMETER, Kind.BAROMETER):
         for source in Source:
-            times = rows[(rows[:, KIND] == kind) & (rows[:, SOURCE] == source), TIME]
+            if kind * len(Source) + source not in present:
+                continue
+            times = rows[key == kind * len(Source) + source, TIME]
             if times.size > 1 and times.max() > times.min():
                 rate = (times.size - 1) / (times.max() - times.min())
                 rates[f"{kind.name.lower()} {source.name}"] = round(float(rate), 1 if rate >= SLOW_HZ else 3)

@@ -14,9 +14,7 @@ from mavkf.config import Config, read_config, with_settings
 from mavkf.config import settings as known_settings
 from mavkf.errors import UsageError
 from mavkf.estimate import Pose, Record
-from mavkf.publish.publisher import Publisher
 from mavkf.publish.records import encode
-from mavkf.publish.session import publishing_session
 from mavkf.replay.export import write_csv
 from mavkf.replay.faults import describe, parse_fault
 from mavkf.replay.run import Options, Result, imu_source, run
@@ -229,6 +227,9 @@ def _publishing(
     if not wanted:
         yield None
         return
+    from mavkf.publish.publisher import Publisher
+    from mavkf.publish.session import publishing_session
+
     publishers: dict[str, Publisher] = {}
     with publishing_session(connect=connect, listen=listen, config_file=config) as session:
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.samples import CLOCK, KIND, ROW_WIDTH, SESSION, STAMP, TIME, UNIX_US, Clock, Kind
 
 MS_WRAP_US = 2.0**32 * 1e3
@@ -88,7 +88,7 @@ class ClockCounts:
     longest_gap_s: float
 
 
-@compiled
+@kernel
 def boot_time(row: Any, newest: float) -> float:
     """Boot time of a row, microseconds, wraps of 32-bit milliseconds undone; NaN if its stamp is of no boot clock."""
     if row[CLOCK] == BOOT_US:
@@ -100,7 +100,7 @@ def boot_time(row: Any, newest: float) -> float:
     return unrolled if abs(unrolled - newest) <= UNROLL_US else row[STAMP]  # type: ignore[no-any-return]
 
 
-@compiled
+@kernel
 def emit(row: Any, time_us: float, state: Any, out: Any) -> None:
     """Append a row to `out`."""
     n = int(state[WRITTEN])
@@ -112,7 +112,7 @@ def emit(row: Any, time_us: float, state: Any, out: Any) -> None:
     state[WRITTEN] += 1
 
 
-@compiled
+@kernel
 def take_untimed(row: Any, state: Any, out: Any) -> None:
     """Take a row without a boot stamp: it has the time of the timed row before, or its UNIX time mapped."""
     time_us = state[BEFORE]
@@ -130,7 +130,7 @@ def take_untimed(row: Any, state: Any, out: Any) -> None:
     emit(row, time_us, state, out)
 
 
-@compiled
+@kernel
 def begin_session(boot_us: float, state: Any) -> None:
     """Start the clock of a session at its first boot time."""
     state[NEWEST] = boot_us
@@ -139,7 +139,7 @@ def begin_session(boot_us: float, state: Any) -> None:
     state[TAKEN] = 0
 
 
-@compiled
+@kernel
 def begin_fall(boot_us: float, state: Any) -> None:
     """Note that the clock fell by less than a window, and how dense its rows were there before."""
     state[FALL_TOP] = state[NEWEST]
@@ -152,7 +152,7 @@ def begin_fall(boot_us: float, state: Any) -> None:
     state[FALL_BEFORE] = rows
 
 
-@compiled
+@kernel
 def is_small_reboot(boot_us: float, state: Any) -> bool:
     """Follow a fall by less than a window; True at the row that shows that it was a reboot."""
     depth = state[FALL_TOP] - state[FALL_START]
@@ -170,7 +170,7 @@ def is_small_reboot(boot_us: float, state: Any) -> bool:
     return bool(rows >= 0.5 * before and before >= 0.5 * rows)
 
 
-@compiled
+@kernel
 def take_timed(row: Any, boot_us: float, state: Any, out: Any) -> None:
     """Take a row whose boot time belongs to the session."""
     if not isnan(state[FALL_TOP]) and is_small_reboot(boot_us, state):
@@ -193,7 +193,7 @@ def take_timed(row: Any, boot_us: float, state: Any, out: Any) -> None:
     emit(row, boot_us, state, out)
 
 
-@compiled
+@kernel
 def release(state: Any, held: Any, out: Any) -> None:
     """Take the rows held back, or, if nothing confirmed their stamps, only those among them without a stamp."""
     rows = int(state[HELD])
@@ -213,7 +213,7 @@ def release(state: Any, held: Any, out: Any) -> None:
             state[LATE if boot_us < state[NEWEST] else BAD_STAMPS] += 1
 
 
-@compiled
+@kernel
 def advance(rows: Any, state: Any, held: Any, out: Any) -> None:
     """Judge rows one by one; write those that are decided to `out` (at least rows + held)."""
     state[WRITTEN] = 0

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 
 
 def _slices() -> NDArray[np.int32]:
@@ -24,7 +24,7 @@ def _slices() -> NDArray[np.int32]:
 SLICES = _slices()
 
 
-@compiled
+@kernel
 def frame_crc(data: Any, start: int, stop: int, extra: int) -> int:
     """CRC of data[start:stop] (uint8) followed by the message's CRC extra."""
     crc = 0xFFFF

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf import samples as s
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.link import conversions as c
 from mavkf.link.framing import readonly
 from mavkf.link.rules import FIRST_UNIX_US, NOT_FINITE, OTHER_INSTANCES, WRITTEN, message_rows
@@ -39,7 +39,7 @@ class DecodeCounts:
     other_instances: int = 0
 
 
-@compiled
+@kernel
 def read_values(payload: Any, floats: Any, readings: Any, first: int, last: int, values: Any) -> None:
     """Fill values with the fields of a zero-extended payload (uint8; floats: the same memory as float32)."""
     for k in range(first, last):
@@ -60,7 +60,7 @@ def read_values(payload: Any, floats: Any, readings: Any, first: int, last: int,
         values[int(readings[k, c.SLOT])] = nan if unknown else raw * readings[k, c.SCALE]
 
 
-@compiled
+@kernel
 def stamp(values: Any) -> tuple[float, int]:
     """STAMP and CLOCK of a message; a time of 0 is one that was not filled in."""
     if values[c.TIME_BOOT_MS] > 0:
@@ -70,15 +70,22 @@ def stamp(values: Any) -> tuple[float, int]:
     return nan, NO_CLOCK
 
 
-@compiled
+@kernel
 def frame_rows(
-    data: Any, frames: Any, chosen: Any, sources: Any, families: Any, first: Any, readings: Any, counts: Any, out: Any
+    data: Any,
+    frames: Any,
+    chosen: Any,
+    sources: Any,
+    families: Any,
+    first: Any,
+    readings: Any,
+    work: Any,
+    counts: Any,
+    out: Any,
 ) -> None:
-    """Write the rows of the chosen frames (indices) to `out`; counts[WRITTEN] is how many."""
+    """Write the rows of the chosen frames (indices) to `out`; counts[WRITTEN] is how many. work: of `work_space`."""
     counts[WRITTEN] = 0
-    payload = np.zeros(MAX_PAYLOAD, np.uint8)
-    floats = payload.view(np.float32)
-    values = np.empty(c.VALUES)
+    payload, floats, values = work
     for i in chosen:
         frame = frames[i]
         source = int(sources[frame.message])
@@ -104,6 +111,12 @@ def frame_rows(
             row[s.SEQUENCE] = frame.sequence
 
 
+def work_space() -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float64]]:
+    """What `frame_rows` works in: a payload, zero-extended, the same memory as floats, and the values of a message."""
+    payload = np.zeros(MAX_PAYLOAD, np.uint8)
+    return payload, payload.view(np.float32), np.empty(c.VALUES)
+
+
 def decode(
     data: NDArray[np.uint8], frames: NDArray[np.void], counts: DecodeCounts | None = None
 ) -> dict[Address, NDArray[np.float64]]:
@@ -124,7 +137,7 @@ def decode(
     for start, stop in pairwise(bounds):
         mine = chosen[start:stop]
         out = np.empty((int(c.ROWS_OF_FAMILY[tables.families[sources[mine]]].sum()), ROW_WIDTH))
-        frame_rows(readonly(data), frames, mine, *tables, refused, out)
+        frame_rows(readonly(data), frames, mine, *tables, work_space(), refused, out)
         if refused[WRITTEN]:
             result[int(senders[start]) >> 8, int(senders[start]) & 0xFF] = out[: refused[WRITTEN]]
     if counts is not None:

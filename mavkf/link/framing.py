@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.link.crc import frame_crc
 from mavkf.link.layouts import CRC_EXTRA, HIGHEST_ID, KNOWN, MAX_LENGTH, frame_table
 
@@ -68,7 +68,7 @@ class FrameCounts:
         return asdict(self)
 
 
-@compiled
+@kernel
 def frame_end(data: Any, at: int) -> int:
     """Where a frame that begins at `at` would end by its header; 0: no frame begins there; -1: its header is cut."""
     if at >= data.size:
@@ -83,7 +83,7 @@ def frame_end(data: Any, at: int) -> int:
     return 0
 
 
-@compiled
+@kernel
 def frame_message(data: Any, at: int) -> int:
     """Message id of the frame at `at`, whose header is whole."""
     if data[at] == 0xFD:
@@ -91,7 +91,7 @@ def frame_message(data: Any, at: int) -> int:
     return int(data[at + 5])
 
 
-@compiled
+@kernel
 def check(data: Any, at: int, first: bool, table: Any) -> int:
     """End of the valid frame at `at`; 0: there is none; -1: more bytes are needed to tell.
 
@@ -118,7 +118,7 @@ def check(data: Any, at: int, first: bool, table: Any) -> int:
     return end if frame_crc(data, at + 1, stop, table[CRC_EXTRA, message]) == crc else 0
 
 
-@compiled
+@kernel
 def classify(data: Any, begin: int, stop: int, head: int, last: bool, table: Any, counts: Any) -> None:
     """Count what data[begin:stop] is, where no valid frame begins; `last`: the data end at `stop`, for good."""
     at = begin
@@ -143,7 +143,7 @@ def classify(data: Any, begin: int, stop: int, head: int, last: bool, table: Any
             in_step = False
 
 
-@compiled
+@kernel
 def scan(data: Any, begin: int, head: int, last: bool, table: Any, frames: Any, counts: Any) -> tuple[int, int]:
     """Fill `frames` with the frames of data[begin:]; return how many, and the first byte not consumed.
 

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.link.framing import readonly
 from mavkf.link.layouts import message_dtype
 
 
-@compiled
+@kernel
 def copy_payloads(data: Any, offsets: Any, lengths: Any, out: Any) -> None:
     """Copy payloads into the rows of `out` (n, size; uint8), zero-extended or cut to its width."""
     for i in range(out.shape[0]):

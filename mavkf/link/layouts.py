@@ -1,13 +1,20 @@
 """Message layouts, from pymavlink's dialect: CRC extras, payload lengths and numpy dtypes.
 
-The dialect `all` is imported when first asked for, not with this module.
+What is needed of the dialect `all` is kept beside the compiled code, for this version of pymavlink; it is imported once, to fill that.
 """
 
+import tempfile
+from contextlib import suppress
 from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+from mavkf.compiled import cache_folder
 
 HIGHEST_ID = 65535
 """Message ids above this are taken for unknown (no dialect defines any)."""
@@ -16,10 +23,51 @@ KNOWN, CRC_EXTRA, MAX_LENGTH = range(3)
 """Rows of the frame table."""
 
 
-def _messages() -> dict[int, Any]:
+class Layout(msgspec.Struct, array_like=True, frozen=True):
+    """A message: id, name, CRC extra, length with all extensions (bytes); of each field name, struct code, array length (0: none)."""
+
+    number: int
+    name: str
+    crc_extra: int
+    size: int
+    fields: list[tuple[str, str, int]]
+
+
+@cache
+def _messages() -> dict[int, Layout]:
+    """All messages by id, from the cache: to import the dialect takes longer than to read most logs."""
+    path = cache_folder() / f"layouts-{version('pymavlink')}.json"
+    try:
+        found = msgspec.json.decode(path.read_bytes(), type=list[Layout])
+    except (OSError, msgspec.DecodeError):
+        found = _from_pymavlink()
+        with suppress(OSError), tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(msgspec.json.encode(found))
+            file.flush()
+            Path(file.name).replace(path)  # whole or not at all, whoever else reads it now
+    return {layout.number: layout for layout in found}
+
+
+def _from_pymavlink() -> list[Layout]:
     from pymavlink.dialects.v20 import all as dialect
 
-    return dict(dialect.mavlink_map)
+    return [
+        Layout(
+            number,
+            message.msgname,
+            message.crc_extra,
+            message.unpacker.size,
+            list(
+                zip(
+                    message.ordered_fieldnames,
+                    message.native_format.decode().lstrip("<"),
+                    message.array_lengths,
+                    strict=True,
+                )
+            ),
+        )
+        for number, message in dialect.mavlink_map.items()
+    ]
 
 
 @cache
@@ -33,14 +81,14 @@ def frame_table() -> NDArray[np.uint8]:
     table = np.zeros((3, HIGHEST_ID + 1), np.uint8)
     for message_id, message in _messages().items():
         if message_id <= HIGHEST_ID:
-            table[:, message_id] = 1, message.crc_extra, message.unpacker.size
+            table[:, message_id] = 1, message.crc_extra, message.size
     return table
 
 
 @cache
 def message_names() -> dict[int, str]:
     """Give the names of all messages of the dialect by id."""
-    return {message_id: message.msgname for message_id, message in _messages().items()}
+    return {message_id: message.name for message_id, message in _messages().items()}
 
 
 @cache
@@ -64,13 +112,12 @@ def message_dtype(name: str) -> np.dtype[Any]:
     Raises KeyError if the dialect has no message of that name.
     """
     message = _messages()[message_ids()[name]]
-    codes = message.native_format.decode().lstrip("<")
     fields: list[Any] = []
-    for field, code, count in zip(message.ordered_fieldnames, codes, message.array_lengths, strict=True):
+    for field, code, count in message.fields:
         if code in "cs":
             fields.append((field, f"S{count or 1}"))
         else:
             fields.append((field, np.dtype(code).newbyteorder("<"), (count,) if count else ()))
     dtype = np.dtype(fields)
-    assert dtype.itemsize == message.unpacker.size
+    assert dtype.itemsize == message.size
     return dtype

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mavkf import samples as s
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 from mavkf.link import conversions as c
 from mavkf.samples import ROW_WIDTH
 
@@ -39,7 +39,7 @@ IGNORE_FLAGS = np.array(
 """What the flags of GPS_INPUT tell to ignore."""
 
 
-@compiled
+@kernel
 def emit(values: Any, block: int, kind: int, counts: Any, out: Any) -> None:
     """Append the row in a block of the values."""
     n = counts[WRITTEN]
@@ -49,7 +49,7 @@ def emit(values: Any, block: int, kind: int, counts: Any, out: Any) -> None:
     counts[WRITTEN] = n + 1
 
 
-@compiled
+@kernel
 def emit_sensor(values: Any, block: int, kind: int, counts: Any, out: Any) -> None:
     """Append the row in a block of the values, unless what its sensor measured is not finite."""
     for j in range(SENSOR_VALUES[kind]):
@@ -59,7 +59,7 @@ def emit_sensor(values: Any, block: int, kind: int, counts: Any, out: Any) -> No
     emit(values, block, kind, counts, out)
 
 
-@compiled
+@kernel
 def field_of(values: Any) -> float:
     """Strength of the magnetic field, tesla; exactly 0 where there is no magnetometer."""
     x, y, z = (
@@ -70,7 +70,7 @@ def field_of(values: Any) -> float:
     return sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@kernel
 def float_imu(values: Any, counts: Any, out: Any) -> None:
     """HIGHRES_IMU, HIL_SENSOR: rows of what `fields_updated` names, or of all when it names nothing at all.
 
@@ -97,7 +97,7 @@ def float_imu(values: Any, counts: Any, out: Any) -> None:
         emit_sensor(values, c.MAIN, c.KIND_IMU, counts, out)
 
 
-@compiled
+@kernel
 def integer_imu(values: Any, counts: Any, out: Any) -> None:
     """RAW_IMU, SCALED_IMU, SCALED_IMU2, SCALED_IMU3."""
     if field_of(values) != 0:
@@ -107,7 +107,7 @@ def integer_imu(values: Any, counts: Any, out: Any) -> None:
     emit_sensor(values, c.MAIN, c.KIND_IMU, counts, out)
 
 
-@compiled
+@kernel
 def gnss(values: Any, family: int, counts: Any, out: Any) -> None:
     """GPS_RAW_INT, GPS2_RAW, HIL_GPS, GPS_INPUT."""
     if 1 <= values[c.YAW] <= 36000:
@@ -133,7 +133,7 @@ def gnss(values: Any, family: int, counts: Any, out: Any) -> None:
     emit(values, c.MAIN, c.KIND_GNSS, counts, out)
 
 
-@compiled
+@kernel
 def message_rows(values: Any, family: int, counts: Any, out: Any) -> None:
     """Append the rows of one message, in the order MAGNETOMETER, BAROMETER, IMU."""
     if values[c.INSTANCE] > 0:

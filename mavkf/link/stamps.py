@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel
 
 NEAR_US = 60_000_000
 CLOSE_US = 1_000_000
@@ -17,7 +17,7 @@ FOLLOWERS = 5
 LATEST_US = 1 << 52
 
 
-@compiled
+@kernel
 def confirmed(stamps: Any, i: int) -> bool:
     """Whether most of the next stamps are near stamp i (all of them, where the log ends)."""
     near = 0
@@ -28,7 +28,7 @@ def confirmed(stamps: Any, i: int) -> bool:
     return bool(2 * near > followers or followers == 0)
 
 
-@compiled
+@kernel
 def repair(stamps: Any) -> int:
     """Overwrite stamps (n, int64 microseconds) that cannot be true by their predecessor's; return how many."""
     bad = 0

@@ -8,6 +8,7 @@ or, offline, `run_offline(rows, config)`: the same events in the order in which 
 """
 
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -17,16 +18,15 @@ from mavkf.compiled import link_apart
 from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
-from mavkf.navigation.any_form import FormRun
 from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.events import SortedEvents, select, to_events
-from mavkf.navigation.form_flight import fly
-from mavkf.navigation.hindsight import look_back
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
-from mavkf.navigation.smoother import smooth
 from mavkf.samples import KIND, TIME, Kind, Source
+
+if TYPE_CHECKING:
+    from mavkf.navigation.any_form import FormRun
 
 Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
@@ -182,7 +182,7 @@ class Offline(msgspec.Struct):
     state: Array
     parameters: Array
     hindsight: tuple[str, ...] = ()
-    form: FormRun | None = None
+    form: "FormRun | None" = None
 
 
 def run_offline(
@@ -233,9 +233,14 @@ def run_offline(
     def second(done: float) -> object:
         return part(share + (1.0 - share) * done)
 
-    if form is not None:
+    if form is not None:  # what few runs need is imported for them
+        from mavkf.navigation.form_flight import fly
+
         flown = fly(start, events, c, rate_hz, *form, output.poses, second)
     elif smoothing:
+        from mavkf.navigation.hindsight import look_back
+        from mavkf.navigation.smoother import smooth
+
         hindsight = look_back(state, output.innovations, output.notes)
         words = hindsight.words
         smooth(start, events, c, rate_hz, hindsight, output.poses, second)
