@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -90,12 +90,11 @@ def mark_warm(what: str = "warm") -> None:
 
 
 def compiled(function: F) -> F:
-    """Compile a function of plain numbers and arrays, cached on disk.
+    """Compile a function of plain numbers and arrays when it is first called, cached on disk.
 
-    Division by zero gives inf or NaN as in numpy, instead of an exception in the middle of a run. The cache folder is
-    set only while decorating, so that other users of numba in the process keep theirs.
+    Division by zero gives inf or NaN as in numpy, instead of an exception in the middle of a run.
     """
-    return _compiled(function, _nrt=True)  # numba takes what is not said from the caller
+    return _later(function, True)  # said aloud, because numba takes what is not said from the caller
 
 
 def kernel(function: F) -> F:
@@ -104,17 +103,49 @@ def kernel(function: F) -> F:
     Nothing counts references in it, which is half of the work where arrays are small. Numba refuses what allocates, and what returns an
     array: a function that gives a view of its argument is `compiled`.
     """
-    return _compiled(function, _nrt=False)
+    return _later(function, False)
 
 
-def _compiled(function: F, **options: Any) -> F:
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
-    try:
-        result: F = numba.njit(cache=True, error_model="numpy", **options)(function)
-    finally:
-        numba.config.CACHE_DIR = before
-    return result
+def _later(function: F, with_allocator: bool) -> F:
+    if not inspect.isfunction(function):
+        raise TypeError(f"{function!r} is not a function")
+    if numba.config.DISABLE_JIT:
+        return function
+    kept: F = _Later(function, with_allocator)  # type: ignore[assignment]
+    return kept
+
+
+class _Later:
+    """A function that becomes one of numba's when Python or the compiler first asks for it.
+
+    Hundreds are defined, and a run whose machine code is in the cache asks for a dozen.
+    """
+
+    def __init__(self, function: Callable[..., Any], with_allocator: bool) -> None:
+        update_wrapper(self, function)
+        self._function, self._with_allocator = function, with_allocator
+
+    @cached_property
+    def _dispatcher(self) -> Any:
+        before = numba.config.CACHE_DIR  # set only for this, so that other users of numba in the process keep theirs
+        numba.config.CACHE_DIR = str(cache_folder())
+        try:
+            return numba.njit(cache=True, error_model="numpy", _nrt=self._with_allocator)(self._function)
+        finally:
+            numba.config.CACHE_DIR = before
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What the compiler takes this for."""
+        return self._dispatcher._numba_type_
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._dispatcher, name)
 
 
 _apart: list[tuple[Any, tuple[Any, ...], Any]] = []
@@ -193,7 +224,7 @@ def compile_apart(claims: Path, *, last_first: bool = False) -> None:
     """
     for function, arguments, _ in reversed(_apart) if last_first else _apart:
         try:
-            (claims / f"{function.py_func.__module__}.{function.py_func.__qualname__}").open("x").close()
+            (claims / f"{function.__module__}.{function.__qualname__}").open("x").close()
         except FileExistsError:
             continue
         function.compile(arguments)

@@ -101,7 +101,9 @@ def test_compiled_once_and_read_from_then_on(package: Path, tmp_path: Path) -> N
 def compiled_files() -> set[Path]:
     """Files of the package, relative to it, with compiled functions in them, and all of the package that those import."""
     paths = {path.relative_to(SOURCE) for part in (".", "models", "replay") for path in (SOURCE / part).rglob("*.py")}
-    found = {path for path in paths if "@compiled\n" in (SOURCE / path).read_text()}
+    found = {
+        path for path in paths if re.search(r"^@(compiled|kernel|compiled_apart\()", (SOURCE / path).read_text(), re.M)
+    }
     imported = set()
     for path in found:
         for module, name in re.findall(r"^from mavkf\.?(\S*) import (\w*)", (SOURCE / path).read_text(), re.M):
