@@ -24,6 +24,9 @@ class Hindsight(msgspec.Struct):
     words: tuple[str, ...]
 
 
+NOTHING_KNOWN = Hindsight(np.empty((0, 2)), np.empty((0, 3)), ())
+
+
 def look_back(state: Array, innovations: Array, notes: Array) -> Hindsight:
     """Learn from a pass over a flight: its final state, all innovation rows (n, INNOVATION_WIDTH) and notes (n, NOTE_WIDTH).
 

@@ -5,6 +5,7 @@ BLOCK of events and has the tape of one block, not the states times the steps.
 """
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,6 @@ from mavkf.navigation import layout as L
 from mavkf.navigation import smoothing
 from mavkf.navigation import tape as T
 from mavkf.navigation.codes import SENSORS
-from mavkf.navigation.events import SortedEvents
 from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING
 from mavkf.navigation.hindsight import Hindsight
 from mavkf.navigation.parameter import Parameter
@@ -28,19 +28,29 @@ ROOM = 512  # rows of what one event tells, which the first pass has told
 SECOND_PASS_SHARE = 0.3  # of the work
 
 
+class Events(Protocol):
+    """Events in the order of measurement."""
+
+    def __len__(self) -> int: ...
+
+    def block(self, first: int, last: int) -> Array:
+        """Events first..last (m, EVENT_WIDTH)."""
+
+
 def smooth(
     state: Array,
-    events: SortedEvents,
+    events: Events,
     c: Array,
     rate_hz: float,
     hindsight: Hindsight,
     poses: Array,
     progress: Callable[[float], object],
-) -> None:
+    slot: int = -1,
+) -> int:
     """Replace the pose rows (n, POSE_WIDTH) of an offline run by smoothed ones.
 
     state: (STATE_SIZE,) as it was before the first event, is used up; c: parameters; progress: called with the share that
-    is done.
+    is done; slot: output interval of the last row before. Returns the number of rows.
     """
     c = c.copy()
     delay = 0.0
@@ -51,7 +61,7 @@ def smooth(
         L.covariance(state)[DDELAY, DDELAY] = 0.0
     held, faults = hindsight.held, hindsight.faults
     marks: list[tuple[Array, int, int]] = []  # state, output interval and pose row before each block
-    slot, row = -1, 0
+    row = 0
     out = L.buffers(ROOM, ROOM, SENSORS)
     count = len(events)
     starts = range(0, count, BLOCK)
@@ -61,6 +71,7 @@ def smooth(
         slot, row = smoothing.fold_block(state, block, slot, row, c, rate_hz, held, faults, poses, out)
         progress(SECOND_PASS_SHARE * first / count)
     out = L.buffers(ROOM, ROOM, SENSORS, T.BEGIN + ENTRIES * BLOCK + SLACK)
+    rows = row
     adjoint, Adjoint = np.zeros(STATES_MOST), np.zeros((STATES_MOST, STATES_MOST))
     for first in reversed(starts):
         mark, slot, row = marks.pop()
@@ -69,3 +80,4 @@ def smooth(
         smoothing.fold_block(state, events.block(first, first + BLOCK), slot, row, c, rate_hz, held, faults, poses, out)
         smoothing.sweep(out[5], adjoint, Adjoint, poses, delay)
         progress(1.0 - (1.0 - SECOND_PASS_SHARE) * first / count)
+    return rows

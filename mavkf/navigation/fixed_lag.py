@@ -1,0 +1,90 @@
+"""Fixed-lag smoothing of a live session: poses of a few seconds ago, by what has come since.
+
+A window of events slides along: behind it the state as the fold has left it, in it every event of the last seconds in the order in which it
+was measured, late ones too. Each HOP the window is smoothed as a whole (`smoother`, which takes the flight for what is in the window), the
+rows of its first HOP are given out, and the window moves on by that. What is older than the window when it comes is left out. It reads
+boot times alone, so a live run and its repetition give the same.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.navigation import layout as L
+from mavkf.navigation import smoothing
+from mavkf.navigation.codes import SENSORS
+from mavkf.navigation.hindsight import NOTHING_KNOWN
+from mavkf.navigation.smoother import ROOM, smooth
+from mavkf.navigation.timeline import order
+from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME
+
+Array = NDArray[np.float64]
+HOP = 1.0  # s of poses that come at once
+
+
+class Window:
+    """Events in the order of measurement, as `smoother.smooth` reads them."""
+
+    def __init__(self, events: Array) -> None:
+        """events: (n, EVENT_WIDTH)."""
+        self._events = events
+
+    def __len__(self) -> int:
+        return len(self._events)
+
+    def block(self, first: int, last: int) -> Array:
+        """Events first..last (m, EVENT_WIDTH)."""
+        return self._events[first:last]
+
+
+class FixedLag:
+    """Gives the pose rows of a session once all that came in `lag` seconds after them has been taken in."""
+
+    def __init__(self, state: Array, c: Array, rate_hz: float, lag_s: float) -> None:
+        """state: (STATE_SIZE,) before the first event; c: parameters; rate_hz: rows a second of boot time; lag_s: s."""
+        self._state, self._c, self._rate, self._lag = state.copy(), c, rate_hz, lag_s
+        self._events: list[Array] = []
+        self._behind = -np.inf  # s: the state stands there
+        self._slot = -1
+        self.left_out = 0
+        """Events that came after their time had been given out."""
+
+    def take(self, events: Array) -> None:
+        """Take events (n, EVENT_WIDTH), in the order of arrival."""
+        due = events[:, TIME] > self._behind
+        self.left_out += int(np.count_nonzero(~due))
+        self._events.append(events[due].copy())
+
+    def rows(self, now: float) -> Array:
+        """Give the smoothed pose rows (n, POSE_WIDTH) that are due at boot time `now` (s), the newest that was heard."""
+        events = np.concatenate(self._events) if self._events else np.empty((0, L.EVENT_WIDTH))
+        if not len(events):
+            return np.empty((0, L.POSE_WIDTH))
+        events = events[order(events[:, TIME], events[:, KIND], events[:, SOURCE], events[:, SEQUENCE])]
+        if not np.isfinite(self._behind):
+            self._behind = float(np.floor(events[0, TIME]))
+        hops = int((now - self._lag - self._behind) / HOP)
+        self._events = [events]
+        if hops <= 0:
+            return np.empty((0, L.POSE_WIDTH))
+        until = self._behind + hops * HOP
+        poses = np.empty((len(events), L.POSE_WIDTH))
+        held, faults = NOTHING_KNOWN.held, NOTHING_KNOWN.faults
+        whole = smooth(
+            self._state.copy(), Window(events), self._c, self._rate, NOTHING_KNOWN, poses, lambda _: None, self._slot
+        )
+        old = int(np.searchsorted(events[:, TIME], until, side="right"))
+        # the state goes on as a pass without hindsight does
+        self._slot, count = smoothing.fold_block(
+            self._state,
+            events[:old],
+            self._slot,
+            0,
+            self._c,
+            self._rate,
+            held,
+            faults,
+            np.empty((0, L.POSE_WIDTH)),
+            L.buffers(ROOM, ROOM, SENSORS),
+        )
+        self._events, self._behind = [events[old:]], until
+        return poses[: min(count, whole)]
