@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,7 @@ class Reader:
 
     def __init__(self, session: zenoh.Session) -> None:
         self.published: Published = {}
+        self._session = session
         self._changed = threading.Condition()
         self._subscriber = session.declare_subscriber("mavkf/**", Callback(self._take, indirect=False))
 
@@ -128,6 +130,13 @@ class Reader:
             record = json.loads(sample.payload.to_bytes())
             self.published.setdefault(str(sample.key_expr), []).append(record)
             self._changed.notify_all()
+
+    def connected(self, timeout_s: float = 20.0) -> None:
+        """Wait until a publisher's session is there; zenoh tells of none by itself."""
+        deadline = time.monotonic() + timeout_s
+        while not self._session.info.peers_zid():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
 
     def wait(self, is_enough: Callable[[Published], bool], timeout_s: float = 20.0) -> Published:
         with self._changed:
