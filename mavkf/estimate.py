@@ -163,6 +163,8 @@ class Status(Head, frozen=True, kw_only=True):
     rates_hz: by input or output, per second.
     counts: since the session began: lost, late, corrupt, refused, published, ...
     age_s: by sensor, seconds of boot time since its last sample; None if it never sent one.
+    silent_s: None while the vehicle is heard; else the record is the last one again, and this long, by the service's clock, nothing has
+        come: what it says is stale.
     innovations: by sensor (names as of the keys of innovations; a second receiver has its message behind), of the last minute.
     """
 
@@ -174,6 +176,7 @@ class Status(Head, frozen=True, kw_only=True):
     counts: dict[str, int] = {}
     age_s: dict[str, float | None] = {}
     innovations: dict[str, Consistency] = {}
+    silent_s: float | None = None
 
 
 class Innovation(Head, frozen=True, kw_only=True):

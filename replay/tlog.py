@@ -14,10 +14,8 @@ from mavkf.link.framing import FrameCounts, scan_records
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids, message_names
 from mavkf.link.stamps import repair_stamps
-from mavkf.samples import KIND, VEHICLE_TYPE, Kind
-
-GROUND_STATION = 6
-"""MAV_TYPE_GCS."""
+from mavkf.samples import KIND, Kind
+from mavkf.service.senders import is_vehicle
 
 
 @dataclass(frozen=True)
@@ -85,14 +83,12 @@ class Log:
         return gather(self.data, chosen, name), chosen["stamp"].copy()
 
     def vehicles(self) -> list[Address]:
-        """List the components that sent IMU or GNSS samples and do not say that they are a ground station, in order."""
+        """List the components that sent IMU or GNSS samples and do not say that they are something else, in order."""
         return sorted(address for address, rows in self.rows.items() if _is_vehicle(rows))
 
 
 def _is_vehicle(rows: NDArray[np.float64]) -> bool:
-    kinds = rows[:, KIND]
-    types = rows[kinds == Kind.HEARTBEAT, VEHICLE_TYPE]
-    return bool(np.isin(kinds, (Kind.IMU, Kind.GNSS)).any()) and not (types == GROUND_STATION).any()
+    return bool(np.isin(rows[:, KIND], (Kind.IMU, Kind.GNSS)).any()) and is_vehicle(rows) is not False
 
 
 def read_tlog(path: Path, progress: Callable[[float], object] | None = None) -> Log:

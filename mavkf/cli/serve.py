@@ -24,6 +24,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     speed: float = 1.0,
     wait_subscriber: float | None = None,
     record: Path | None = None,
+    record_mb: float = 1024.0,
+    record_hours: float = 24.0,
     request: Annotated[bool | None, Parameter(negative="--no-request", show_default=False)] = None,
     link_share: float = 0.5,
     source_system: int | None = None,
@@ -58,6 +60,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
         speed: Of logs: times the recorded pace, 0 for as fast as possible.
         wait_subscriber: Of logs: wait so many seconds for the first subscriber, and from then on rather wait than drop.
         record: Folder to record what comes in, a tlog for each source.
+        record_mb: Megabytes of a recording after which the next file is begun.
+        record_hours: Hours after which the next file is begun.
         request: Of links: ask the vehicle for the streams that are needed, over a radio too, or never ask and send nothing at all.
             Without either it asks over this machine and its own networks only.
         link_share: The share of a serial port's or a distant link's bytes that may be asked for, 0 to 1.
@@ -93,6 +97,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     if not 0.0 <= rate <= 10_000.0:
         raise UsageError(f"--rate {rate:g}: give poses a second, or 0 for one each IMU sample")
     check_choice("encoding", encoding, Encoding)
+    if not (record_mb > 0.0 and record_hours > 0.0):
+        raise UsageError("--record-mb and --record-hours: give sizes above 0")
     names = _names(vehicle_name)
     settings = with_settings(read_config(config) if config else Config(), set)
     zenoh_session = partial(open_session, publishes=False, connect=connect, config_file=zenoh_config)
@@ -120,7 +126,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     from mavkf.replay.run import imu_source
     from mavkf.service.belief import Belief
     from mavkf.service.fleet import Options
-    from mavkf.service.server import serve_links, serve_logs
+    from mavkf.service.server import Records, serve_links, serve_logs
     from mavkf.service.signing import Signing, read_key
     from mavkf.service.talk import Manners
 
@@ -139,6 +145,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
         congestion="drop" if wait_subscriber is None else "block",
         quiet=quiet,
     )
+    recordings = Records(record, record_mb * 1e6, record_hours * 3600.0) if record is not None else None
     with (
         _Signals(may_block=wait_subscriber is not None) as signals,
         publishing_session(listen=listen, connect=connect, config_file=zenoh_config) as session,
@@ -159,7 +166,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
                     signing=signing,
                     say=_whisper if quiet else say,
                 ),
-                record=record,
+                record=recordings,
             )
         else:
             poses = serve_logs(
@@ -168,7 +175,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
                 options,
                 say=say,
                 stopped=signals.stopped,
-                record=record,
+                record=recordings,
                 speed=speed,
                 wait_subscriber_s=wait_subscriber,
             )

@@ -34,6 +34,8 @@ class Inbox:
     def __init__(self, say: Callable[[str], None], now_us: Callable[[], int] = lambda: time.time_ns() // 1000) -> None:
         """say: told when chunks had to be dropped; now_us: the clock, microseconds UTC."""
         self.dropped = 0
+        self.lag_us = 0
+        """How much had arrived after what was given last, by stamps."""
         self._say, self._now_us = say, now_us
         self._chunks: deque[Chunk] = deque()
         self._size = 0
@@ -68,6 +70,7 @@ class Inbox:
                 self._changed.wait(timeout_s)
             batch = [self._chunks.popleft() for _ in range(min(BATCH, len(self._chunks)))]
             self._size -= sum(len(chunk.data) + OVERHEAD for chunk in batch)
+            self.lag_us = self._stamp - batch[0].arrival_us if batch else 0
             self._changed.notify_all()
             return batch
 
@@ -76,6 +79,11 @@ class Inbox:
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
+
+    @property
+    def size(self) -> int:
+        """Bytes that wait."""
+        return self._size
 
     def _has_room(self, data: bytes) -> bool:
         return self._size + len(data) + OVERHEAD <= CAPACITY

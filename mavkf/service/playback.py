@@ -11,6 +11,7 @@ from mavkf.link.decode import DecodeCounts, decode
 from mavkf.link.framing import FrameCounts
 from mavkf.replay.tlog import Log, read_tlog
 from mavkf.service.duplicates import Duplicates
+from mavkf.service.recorder import label_of
 
 LONGEST_WAIT_US = 5_000_000
 """A step of the stamps longer than this is a pause of the recording, or damage; nobody wants to sit through it."""
@@ -43,8 +44,14 @@ def merge(logs: Sequence[Log]) -> Merged:
     order = np.argsort(np.concatenate([np.maximum.accumulate(part["stamp"]) for part in parts]), kind="stable")
     numbers = np.repeat(np.arange(len(logs)), [len(part) for part in parts])
     data, frames, numbers = np.concatenate([log.data for log in logs]), np.concatenate(parts)[order], numbers[order]
-    new = Duplicates().are_new(data, frames, numbers)
+    new = Duplicates().are_new(data, frames, _links(logs)[numbers])
     return Merged(data, frames[new], numbers[new])
+
+
+def _links(logs: Sequence[Log]) -> NDArray[np.int64]:
+    """The number of each log's link: recordings of one link may be in several parts."""
+    labels = [label_of(log.path) for log in logs]
+    return np.array([k if label is None else labels.index(label) for k, label in enumerate(labels)])
 
 
 def read_together(paths: Sequence[Path], progress: Callable[[float], object] | None = None) -> Log:

@@ -8,6 +8,7 @@ bit (`utc_ns` aside), what `replay --as-live` computes from the recording that w
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Thread
@@ -29,9 +30,22 @@ from mavkf.service.recorder import Recorder
 from mavkf.service.talk import Manners, Talk
 
 Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Records:
+    """Recordings: their folder, and how large (bytes) and how long (s) a file becomes before the next is begun."""
+
+    folder: Path
+    part_bytes: float = float("inf")
+    part_s: float = float("inf")
+
+
 SLICE = 512  # frames of a log between two looks at whether to stop
 PATIENCE_S = 5.0
 LAST_CHUNKS_S = 0.3
+LATE_US = 500_000  # behind the arrivals: outputs are left out
+TELL_LATE_S = 5.0
 
 
 def serve_links(
@@ -43,11 +57,11 @@ def serve_links(
     stopped: Callable[[], bool],
     belief: Belief,
     manners: Manners,
-    record: Path | None = None,
+    record: Records | None = None,
 ) -> int:
     """Serve live links until `stopped` says so or all have ended; return how many poses were published.
 
-    stopped: asked several times a second, and between pieces of work. record: folder for the recordings.
+    stopped: asked several times a second, and between pieces of work. record: where and how to record.
     belief: which frames are believed; manners: how the links are talked to. Raises EndpointError, InputError.
     """
     with ExitStack() as ends:
@@ -68,8 +82,9 @@ def serve_links(
         while not stopped():
             have_ended = all(link.has_ended for link in links)
             batch = inbox.get(POLL_S)
-            worker.take(batch)
+            worker.take(batch, is_late=inbox.lag_us > LATE_US)
             worker.speak()
+            fleet.look_after()
             if not batch:
                 worker.flush()
                 if have_ended:
@@ -103,7 +118,7 @@ def serve_logs(
     *,
     say: Say,
     stopped: Callable[[], bool],
-    record: Path | None = None,
+    record: Records | None = None,
     speed: float = 1.0,
     wait_subscriber_s: float | None = None,
 ) -> int:
@@ -138,11 +153,11 @@ def _fleet(ends: ExitStack, session: zenoh.Session, options: Options, say: Say) 
     return fleet
 
 
-def _recorders(ends: ExitStack, folder: Path | None, names: Sequence[str], say: Say) -> list[Recorder]:
+def _recorders(ends: ExitStack, record: Records | None, names: Sequence[str], say: Say) -> list[Recorder]:
     recorders: list[Recorder] = []
-    for name in names if folder is not None else ():
-        assert folder is not None
-        recorders.append(Recorder(folder, name, say))
+    for name in names if record is not None else ():
+        assert record is not None
+        recorders.append(Recorder(record.folder, name, say, record.part_bytes, record.part_s))
         ends.callback(recorders[-1].close)
     return recorders
 
@@ -161,9 +176,17 @@ class Worker:
         self._fleet, self._links, self._recorders, self._talks, self._belief = fleet, links, recorders, talks, belief
         self.duplicates = Duplicates()
         self.streams = [FrameStream() for _ in links]
+        self._late_told_s = -np.inf
+        fleet.when_ended = self._end_parts
 
-    def take(self, batch: Sequence[Chunk]) -> None:
-        """Take chunks in the order of arrival."""
+    def take(self, batch: Sequence[Chunk], *, is_late: bool = False) -> None:
+        """Take chunks in the order of arrival; is_late: more has arrived since than there is time for."""
+        self._fleet.is_late = is_late
+        if is_late and time.monotonic() - self._late_told_s > TELL_LATE_S:
+            self._late_told_s = time.monotonic()
+            self._fleet.warn(
+                "too slow for what arrives: innovations and all poses but the newest are not published, until it has caught up"
+            )
         pieces, found, base = [], [], 0
         for chunk in batch:
             data, frames = self.streams[chunk.link].push(chunk.data, chunk.arrival_us, last=chunk.last)
@@ -190,6 +213,10 @@ class Worker:
         for talk in self._talks:
             talk.speak(time.monotonic(), self._fleet.given_up)
 
+    def _end_parts(self) -> None:
+        for recorder in self._recorders:
+            recorder.end_part()
+
     def flush(self) -> None:
         """Hand what is recorded to the operating system."""
         for recorder in self._recorders:
@@ -208,6 +235,11 @@ class Worker:
                 say(f"{link.name}: {link.unsent} messages could not be sent")
         for text in (*self._belief.report(), *self.duplicates.report()):
             say(text)
+        left_out = self._fleet.unpublished
+        if left_out:
+            say(
+                f"{left_out['pose']} poses and {left_out['innovation']} innovations were not published: there was no time"
+            )
 
 
 def _wait(publisher: Publisher, patience_s: float, say: Say, stopped: Callable[[], bool]) -> None:

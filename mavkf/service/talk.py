@@ -13,6 +13,7 @@ from mavkf.link.decode import Address
 from mavkf.link.layouts import message_dtype, message_ids
 from mavkf.service.conversation import Conversation, Message
 from mavkf.service.endpoints import Link
+from mavkf.service.senders import is_autopilot
 from mavkf.service.signing import Signing
 from mavkf.service.streams import STREAMS
 
@@ -46,11 +47,6 @@ class Manners:
     share: float = 0.5
     signing: Signing | None = None
     say: Callable[[str], None] = lambda _: None
-
-
-def is_autopilot(vehicle_type: int, autopilot: int) -> bool:
-    """Whether a HEARTBEAT is an autopilot's: not a ground station's, camera's, gimbal's, router's or companion's."""
-    return bool(autopilot != mavlink.MAV_AUTOPILOT_INVALID and vehicle_type != mavlink.MAV_TYPE_GCS)
 
 
 class Talk:

@@ -24,6 +24,7 @@ from mavkf.service.consistency import RecentInnovations
 from mavkf.service.utc import UtcClock
 
 Array = NDArray[np.float64]
+LINK_GAP_S = 3.0
 KINDS = {Kind.IMU: "imu", Kind.GNSS: "gnss", Kind.MAGNETOMETER: "magnetometer", Kind.BAROMETER: "barometer"}
 
 
@@ -47,9 +48,13 @@ class VehicleStream:
         imu: Source | None = None,
         model: str | None = None,
         span: tuple[float, float] = (-math.inf, math.inf),
+        first_session: int = 0,
     ) -> None:
-        """vehicle: its name in keys; rate_hz, imu, model: as of `SessionEstimator`; span: boot times (s) to use."""
-        self.span = span
+        """vehicle: its name in keys; rate_hz, imu, model: as of `SessionEstimator`; span: boot times (s) to use.
+
+        first_session: the number of the first session, where there were others before.
+        """
+        self.span, self._first_session = span, first_session
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.clock = VehicleClock(config.timeline.window_s)
         self.writer = RecordWriter(vehicle)
@@ -88,6 +93,7 @@ class VehicleStream:
                 yield self._step(output)
 
     def _timed(self, rows: Array) -> Iterator[Step]:
+        rows[:, SESSION] += self._first_session
         i = 0
         while i < rows.shape[0]:
             session = int(rows[i, SESSION])
@@ -101,11 +107,14 @@ class VehicleStream:
             due = stop < rows.shape[0] - i and rows[i + stop, SESSION] == session
             stop += due
             part = rows[i : i + stop]
+            before = float(newest[stop - 2]) if stop > 1 else self._newest
             self._newest = float(newest[stop - 1]) if stop else self._newest
             i += stop
             yield from self._run(part)
             if due and self.is_vehicle:
-                yield Step(session, _nothing(), status=self._status())
+                status = self._status()
+                gap = self._newest - before  # so large a step always enters another second
+                yield Step(session, _nothing(), status, self._gap(before, gap) if gap > LINK_GAP_S else None)
 
     def _change_session(self, session: int, t: float) -> Iterator[Step]:
         before, estimator = self._newest, self.estimator
@@ -126,6 +135,22 @@ class VehicleStream:
                 text=f"the vehicle rebooted: its clock fell from {before:.1f} s to {t:.1f} s",
             )
             yield Step(session, _nothing(), event=event)
+
+    def _gap(self, before: float, gap: float) -> Event:
+        text = f"nothing came for {gap:.1f} s of the vehicle's clock"
+        return self.event("link_gap", text, before, size=gap)
+
+    def event(self, kind: str, text: str, start: float | None = None, size: float | None = None) -> Event:
+        """An event of now that the fold cannot tell; start: boot time (s) at which it began, None: now."""
+        now = self._newest
+        return Event(
+            **self.writer.head("event", self.session, now),
+            kind=kind,
+            t_start_s=now if start is None else start,
+            t_end_s=now,
+            size=size,
+            text=text,
+        )
 
     def _run(self, rows: Array) -> Iterator[Step]:
         assert self.estimator is not None
@@ -185,13 +210,25 @@ class VehicleStream:
         speed = math.hypot(row[L.R_V], row[L.R_V + 1])
         return self._recent.report(self._newest, speed, estimator.state[L.MAIN], estimator.setup.imu_rate_hz)
 
-    def records(self, step: Step) -> Iterator[Record]:
-        """The records of a step, in the order in which they are published."""
+    def records(self, step: Step, *, is_late: bool = False) -> Iterator[Record]:
+        """The records of a step, in the order in which they are published.
+
+        is_late: leave out the innovations, and all poses but the newest; they keep their numbers, so a reader sees what is missing.
+        """
         for row in step.output.innovations:
-            yield self.writer.innovation(row, step.session)
+            if is_late:
+                self.writer.head("innovation/" + SENSOR_NAMES[int(row[L.I_SENSOR])], step.session, None)
+            else:
+                yield self.writer.innovation(row, step.session)
         for row in step.output.notes:
             yield self.writer.event(row, step.session)
-        yield from self.poses(step)
+        if is_late:
+            for _ in step.output.poses[:-1]:
+                self.writer.head("pose", step.session, None)
+            for row in step.output.poses[-1:]:
+                yield self.writer.pose(row, step.session)
+        else:
+            yield from self.poses(step)
         if step.status is not None:
             yield step.status
         if step.event is not None:

@@ -121,8 +121,8 @@ class Reader:
 
     def __init__(self, session: zenoh.Session) -> None:
         self.published: Published = {}
-        self._changed = threading.Condition()
         self._session = session
+        self._changed = threading.Condition()
         self._subscriber = session.declare_subscriber("mavkf/**", Callback(self._take, indirect=False))
 
     def _take(self, sample: zenoh.Sample) -> None:
