@@ -155,6 +155,10 @@ class Consistency(Struct, frozen=True, kw_only=True):
     sentence: str | None = None
 
 
+class SmoothedPose(Pose, frozen=True, kw_only=True):
+    """A pose of a few seconds ago, by what has come since: mode, flags and protection levels are those of its own time."""
+
+
 class Status(Head, frozen=True, kw_only=True):
     """How the estimator and its inputs are doing.
 
@@ -166,6 +170,8 @@ class Status(Head, frozen=True, kw_only=True):
     silent_s: None while the vehicle is heard; else the record is the last one again, and this long, by the service's clock, nothing has
         come: what it says is stale.
     innovations: by sensor (names as of the keys of innovations; a second receiver has its message behind), of the last minute.
+    condition: condition number of the covariance, each state in units of its sigma: 1e8 costs half of the digits; None: not positive definite.
+    covariance: what that means, in one sentence.
     """
 
     mode: Mode = Mode.WAITING
@@ -177,6 +183,8 @@ class Status(Head, frozen=True, kw_only=True):
     age_s: dict[str, float | None] = {}
     innovations: dict[str, Consistency] = {}
     silent_s: float | None = None
+    condition: float | None = None
+    covariance: str | None = None
 
 
 class Innovation(Head, frozen=True, kw_only=True):
@@ -220,4 +228,4 @@ class Event(Head, frozen=True, kw_only=True):
     text: str = ""
 
 
-Record = Pose | Status | Innovation | Event
+Record = Pose | SmoothedPose | Status | Innovation | Event

@@ -15,6 +15,7 @@ from cyclopts import Parameter
 from mavkf.cli._console import Connect, Listen, ZenohConfig, compile_first, say
 from mavkf.errors import UsageError
 
+LONGEST_LAG_S = 60.0
 PATIENCE_S = 0.8  # after a signal, before the process is ended by force
 Repeated = Parameter(show_default=False)
 
@@ -34,6 +35,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     signing_key: str | None = None,
     allow_unsigned: bool = False,
     rate: float = 50.0,
+    smooth_lag: float = 0.0,
     vehicle_name: Annotated[tuple[str, ...], Repeated] = (),
     imu: str | None = None,
     model: str | None = None,
@@ -71,6 +73,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
         signing_key: Of links: MAVLink 2 signing by the key in this file, 64 hex digits, or a passphrase: frames that are not
             signed with it are refused, ours are signed.
         allow_unsigned: Take frames without a signature all the same.
+        smooth_lag: Publish mavkf/<vehicle>/pose/smoothed too, each pose by what came in so many seconds after it.
         rate: Poses a second of the vehicle's clock; 0 for one each IMU sample.
         vehicle_name: SYSID-COMPID=NAME, as in 1-1=alpha: call this vehicle so in keys and records; may be repeated.
         imu: IMU message to use, as in RAW_IMU; chosen from the first seconds if not given.
@@ -94,6 +97,10 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError(f"--speed {speed:g}: give times the recorded pace, or 0 for as fast as possible")
     if wait_subscriber is not None and not 0.0 <= wait_subscriber < math.inf:
         raise UsageError(f"--wait-subscriber {wait_subscriber:g}: give seconds")
+    if not 0.0 <= smooth_lag <= LONGEST_LAG_S:
+        raise UsageError(
+            f"--smooth-lag {smooth_lag:g}: give seconds, at most {LONGEST_LAG_S:g}: a whole flight is what replay --smooth is for"
+        )
     if not 0.0 <= rate <= 10_000.0:
         raise UsageError(f"--rate {rate:g}: give poses a second, or 0 for one each IMU sample")
     check_choice("encoding", encoding, Encoding)
@@ -134,9 +141,10 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError(f"--model {model}: choose one of {', '.join(MODELS)}")
     imu_message = imu_source(imu)
     signing = Signing(read_key(signing_key), say, allow_unsigned=allow_unsigned) if signing_key is not None else None
-    compile_first()
+    compile_first(smoothing=smooth_lag > 0.0)
     options = Options(
         rate_hz=rate,
+        lag_s=smooth_lag,
         imu=imu_message,
         model=model,
         config=settings,

@@ -27,6 +27,7 @@ from mavkf.samples import KIND, TIME, Kind, Source
 
 if TYPE_CHECKING:
     from mavkf.navigation.any_form import FormRun
+    from mavkf.navigation.fixed_lag import FixedLag
 
 Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
@@ -49,14 +50,24 @@ class SessionEstimator:
     """Live estimation of one session: bounded memory, the same outputs however the rows are cut into calls."""
 
     def __init__(
-        self, config: Config, rate_hz: float = 50.0, imu: Source | None = None, model: str | None = None
+        self,
+        config: Config,
+        rate_hz: float = 50.0,
+        imu: Source | None = None,
+        model: str | None = None,
+        lag_s: float = 0.0,
     ) -> None:
-        """rate_hz: poses a second of boot time (0: every IMU sample); imu, model: forced choices, as of `choose`."""
+        """rate_hz: poses a second of boot time (0: every IMU sample); imu, model: forced choices, as of `choose`.
+
+        lag_s: for `smoothed`, s; 0: nothing is smoothed.
+        """
         link_apart()
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.setup: Setup | None = None
         self.state = np.empty(L.STATE_SIZE)
         self.parameters: Array = np.zeros(PARAMETERS)
+        self._lag = lag_s
+        self._lagging: FixedLag | None = None
         self._waiting: list[Array] = []
         self._first_sensor = np.nan
         self._next_id = 0
@@ -88,6 +99,10 @@ class SessionEstimator:
             self._waiting = []
             self._start(waiting)
             yield from self._run(waiting)
+
+    def smoothed(self, now: float) -> Array:
+        """Pose rows (n, POSE_WIDTH) that the lag makes due at boot time `now` (s), smoothed by what came after them; `now` never falls."""
+        return np.empty((0, L.POSE_WIDTH)) if self._lagging is None else self._lagging.rows(now)
 
     @property
     def has_sensor(self) -> bool:
@@ -123,6 +138,10 @@ class SessionEstimator:
         self.setup = choose(seen, self.config, self.imu, self.model)
         self.parameters = parameters(self.config, self.setup)
         begin(self.state, self.parameters)
+        if self._lag > 0.0:
+            from mavkf.navigation.fixed_lag import FixedLag  # what few services need is imported for them
+
+            self._lagging = FixedLag(self.state, self.parameters, self.rate, self._lag)
 
     def _allocate(self) -> None:
         self._events = np.empty((HISTORY, L.EVENT_WIDTH))
@@ -137,6 +156,8 @@ class SessionEstimator:
         chosen = rows[select(rows, self.setup)]
         events = to_events(chosen, self.setup, self._next_id)
         self._next_id += events.shape[0]
+        if self._lagging is not None:
+            self._lagging.take(events)
         i = 0
         while i < events.shape[0]:
             self._out[2][:] = 0

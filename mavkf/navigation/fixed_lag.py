@@ -13,7 +13,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation import smoothing
 from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.hindsight import NOTHING_KNOWN
-from mavkf.navigation.smoother import ROOM, smooth
+from mavkf.navigation.smoother import ROOM, smooth, without_delay
 from mavkf.navigation.timeline import order
 from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME
 
@@ -41,7 +41,8 @@ class FixedLag:
 
     def __init__(self, state: Array, c: Array, rate_hz: float, lag_s: float) -> None:
         """state: (STATE_SIZE,) before the first event; c: parameters; rate_hz: rows a second of boot time; lag_s: s."""
-        self._state, self._c, self._rate, self._lag = state.copy(), c, rate_hz, lag_s
+        self._state, self._rate, self._lag = state.copy(), rate_hz, lag_s
+        self._c, _ = without_delay(self._state, c)
         self._events: list[Array] = []
         self._behind = -np.inf  # s: the state stands there
         self._slot = -1
@@ -56,35 +57,31 @@ class FixedLag:
 
     def rows(self, now: float) -> Array:
         """Give the smoothed pose rows (n, POSE_WIDTH) that are due at boot time `now` (s), the newest that was heard."""
-        events = np.concatenate(self._events) if self._events else np.empty((0, L.EVENT_WIDTH))
-        if not len(events):
-            return np.empty((0, L.POSE_WIDTH))
+        events = np.concatenate([np.empty((0, L.EVENT_WIDTH)), *self._events])
         events = events[order(events[:, TIME], events[:, KIND], events[:, SOURCE], events[:, SEQUENCE])]
-        if not np.isfinite(self._behind):
+        if len(events) and not np.isfinite(self._behind):
             self._behind = float(np.floor(events[0, TIME]))
-        hops = int((now - self._lag - self._behind) / HOP)
+        found = [np.empty((0, L.POSE_WIDTH))]
+        while len(events) and now >= self._behind + HOP + self._lag:
+            found.append(self._hop(events))
+            events = events[events[:, TIME] > self._behind]
         self._events = [events]
-        if hops <= 0:
-            return np.empty((0, L.POSE_WIDTH))
-        until = self._behind + hops * HOP
-        poses = np.empty((len(events), L.POSE_WIDTH))
-        held, faults = NOTHING_KNOWN.held, NOTHING_KNOWN.faults
-        whole = smooth(
-            self._state.copy(), Window(events), self._c, self._rate, NOTHING_KNOWN, poses, lambda _: None, self._slot
-        )
-        old = int(np.searchsorted(events[:, TIME], until, side="right"))
-        # the state goes on as a pass without hindsight does
+        return np.concatenate(found)
+
+    def _hop(self, events: Array) -> Array:
+        """Give the rows of the first HOP of sorted events, and go on by that."""
+        ends = np.searchsorted(events[:, TIME], (self._behind + HOP, self._behind + HOP + self._lag), side="right")
+        first, window = events[: ends[0]], events[: ends[1]]
+        poses = np.empty((len(window), L.POSE_WIDTH))
+        smooth(self._state.copy(), Window(window), self._c, self._rate, NOTHING_KNOWN, poses, _nobody, self._slot)
+        # the state itself goes on without the smoother's hindsight
+        held, faults, out = NOTHING_KNOWN.held, NOTHING_KNOWN.faults, L.buffers(ROOM, ROOM, SENSORS)
         self._slot, count = smoothing.fold_block(
-            self._state,
-            events[:old],
-            self._slot,
-            0,
-            self._c,
-            self._rate,
-            held,
-            faults,
-            np.empty((0, L.POSE_WIDTH)),
-            L.buffers(ROOM, ROOM, SENSORS),
+            self._state, first, self._slot, 0, self._c, self._rate, held, faults, poses[:0], out
         )
-        self._events, self._behind = [events[old:]], until
-        return poses[: min(count, whole)]
+        self._behind += HOP
+        return poses[:count]
+
+
+def _nobody(_: float) -> None:
+    """Nobody watches."""

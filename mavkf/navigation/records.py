@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.estimate import FLAGS, Event, Innovation, Mode, Origin, Pose, Validity
+from mavkf.estimate import FLAGS, Event, Innovation, Mode, Origin, Pose, SmoothedPose, Validity
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Reason, Sensor
 from mavkf.navigation.words import words
@@ -87,6 +87,13 @@ class RecordWriter:
 
     def pose(self, row: Array, session: int) -> Pose:
         """The Pose of a pose row (POSE_WIDTH,)."""
+        return Pose(**self.head("pose", session, float(row[L.R_TIME])), **self._pose(row))
+
+    def smoothed_pose(self, row: Array, session: int) -> SmoothedPose:
+        """The SmoothedPose of a pose row (POSE_WIDTH,)."""
+        return SmoothedPose(**self.head("pose/smoothed", session, float(row[L.R_TIME])), **self._pose(row))
+
+    def _pose(self, row: Array) -> dict[str, Any]:
         v: list[float] = row.tolist()
         origin = v[L.R_ORIGIN_LATITUDE : L.R_ORIGIN_LATITUDE + 3]
         height, undulation = v[L.R_HEIGHT], v[L.R_UNDULATION]
@@ -94,8 +101,7 @@ class RecordWriter:
         euler: Any = tuple(
             math.degrees(a) if math.isfinite(a) else None for a in v[L.R_EULER : L.R_EULER + _KNOWN_IN_EULER]
         )
-        return Pose(
-            **self.head("pose", session, v[L.R_TIME]),
+        return dict(
             lat_deg=_number(math.degrees(v[L.R_LATITUDE])),
             lon_deg=_number(math.degrees(v[L.R_LONGITUDE])),
             alt_amsl_m=_number(height),

@@ -37,6 +37,19 @@ class Events(Protocol):
         """Events first..last (m, EVENT_WIDTH)."""
 
 
+def without_delay(state: Array, c: Array) -> tuple[Array, float]:
+    """Take the GNSS delay out of a state before its first event, where a smoother must not estimate it; give such parameters, and sigma (s).
+
+    The filter does not estimate the delay with a slow IMU, which shows its own aliasing instead.
+    """
+    if c[Parameter.IMU_PERIOD] <= SLOWEST_FOR_LEARNING:
+        return c, 0.0
+    c = c.copy()
+    c[Parameter.DELAY_WALK] = 0.0
+    L.covariance(state)[DDELAY, DDELAY] = 0.0
+    return c, float(c[Parameter.DELAY])
+
+
 def smooth(
     state: Array,
     events: Events,
@@ -46,19 +59,13 @@ def smooth(
     poses: Array,
     progress: Callable[[float], object],
     slot: int = -1,
-) -> int:
+) -> None:
     """Replace the pose rows (n, POSE_WIDTH) of an offline run by smoothed ones.
 
     state: (STATE_SIZE,) as it was before the first event, is used up; c: parameters; progress: called with the share that
-    is done; slot: output interval of the last row before. Returns the number of rows.
+    is done; slot: output interval of the last row before.
     """
-    c = c.copy()
-    delay = 0.0
-    if c[Parameter.IMU_PERIOD] > SLOWEST_FOR_LEARNING:
-        # the filter does not estimate the delay with a slow IMU, which shows its own aliasing instead; a smoother would
-        delay = float(c[Parameter.DELAY])
-        c[Parameter.DELAY_WALK] = 0.0
-        L.covariance(state)[DDELAY, DDELAY] = 0.0
+    c, delay = without_delay(state, c)
     held, faults = hindsight.held, hindsight.faults
     marks: list[tuple[Array, int, int]] = []  # state, output interval and pose row before each block
     row = 0
@@ -71,7 +78,6 @@ def smooth(
         slot, row = smoothing.fold_block(state, block, slot, row, c, rate_hz, held, faults, poses, out)
         progress(SECOND_PASS_SHARE * first / count)
     out = L.buffers(ROOM, ROOM, SENSORS, T.BEGIN + ENTRIES * BLOCK + SLACK)
-    rows = row
     adjoint, Adjoint = np.zeros(STATES_MOST), np.zeros((STATES_MOST, STATES_MOST))
     for first in reversed(starts):
         mark, slot, row = marks.pop()
@@ -80,4 +86,3 @@ def smooth(
         smoothing.fold_block(state, events.block(first, first + BLOCK), slot, row, c, rate_hz, held, faults, poses, out)
         smoothing.sweep(out[5], adjoint, Adjoint, poses, delay)
         progress(1.0 - (1.0 - SECOND_PASS_SHARE) * first / count)
-    return rows

@@ -1,6 +1,7 @@
 """The records of `mavkf.estimate` as bytes: JSON or MessagePack, the same record, and never a NaN.
 
-Keys: `mavkf/<vehicle>/pose`, `.../status`, `.../event`, `.../innovation/<sensor>`; the liveliness token is `.../alive`.
+Keys: `mavkf/<vehicle>/pose`, `.../pose/smoothed`, `.../status`, `.../event`, `.../innovation/<sensor>`; the liveliness
+token is `.../alive`.
 """
 
 import re
@@ -11,17 +12,23 @@ from typing import Any, Literal, TypeVar, get_args
 import msgspec
 
 from mavkf.errors import UsageError
-from mavkf.estimate import Event, Innovation, Origin, Pose, Record, Status
+from mavkf.estimate import Event, Innovation, Origin, Pose, Record, SmoothedPose, Status
 
 Encoding = Literal["json", "msgpack"]
 R = TypeVar("R", bound=Record)
-What = Literal["pose", "status", "event", "innovation"]
+What = Literal["pose", "pose/smoothed", "status", "event", "innovation"]
 
 ENCODINGS: dict[str, str] = {"json": "application/json", "msgpack": "application/msgpack"}
 """The zenoh encoding of each payload format."""
 
-TYPES: dict[str, type[Record]] = {"pose": Pose, "status": Status, "event": Event, "innovation": Innovation}
-"""The record type behind the third part of a key."""
+TYPES: dict[str, type[Record]] = {
+    "pose": Pose,
+    "pose/smoothed": SmoothedPose,
+    "status": Status,
+    "event": Event,
+    "innovation": Innovation,
+}
+"""The record type behind what follows the vehicle in a key (but for the sensor of an innovation)."""
 
 _WHAT: dict[type, str] = {kind: what for what, kind in TYPES.items()}
 _ELEMENTWISE = {"euler_deg", "pose_covariance", "r", "S"}  # null stands for one element, elsewhere for the vector
@@ -71,7 +78,7 @@ def decode(what: str, payload: bytes) -> Record:
 
 
 def schema() -> dict[str, Any]:
-    """Give the JSON schema of the four records; every field is always there."""
+    """Give the JSON schema of the records; every field is always there."""
     _, components = msgspec.json.schema_components(TYPES.values(), ref_template="#/$defs/{name}")
     for component in components.values():
         if "properties" in component:

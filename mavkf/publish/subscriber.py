@@ -17,7 +17,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from mavkf.errors import UsageError
-from mavkf.estimate import Event, Innovation, Pose, Record, Status
+from mavkf.estimate import Event, Innovation, Pose, Record, SmoothedPose, Status
 from mavkf.publish.records import What, check_choice, check_name, decode
 from mavkf.publish.session import open_session
 
@@ -193,6 +193,16 @@ def subscribe(
 def subscribe(
     vehicle: str = "*",
     *,
+    what: Literal["pose/smoothed"],
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    config_file: Path | None = None,
+    latest_only: bool = False,
+) -> Subscription[SmoothedPose]: ...
+@overload
+def subscribe(
+    vehicle: str = "*",
+    *,
     what: Literal["status"],
     connect: Sequence[str] = (),
     listen: Sequence[str] = (),
@@ -242,7 +252,7 @@ def subscribe(
 
     Args:
         vehicle: `<sysid>-<compid>` or its name; "*" for all.
-        what: "pose", "status", "event" or "innovation".
+        what: "pose", "pose/smoothed", "status", "event" or "innovation".
         connect: zenoh endpoints to go to, such as "tcp/192.168.1.5:7447".
         listen: zenoh endpoints to be reached at.
         config_file: a zenoh configuration to use instead of the project's own.

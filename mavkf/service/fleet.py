@@ -39,6 +39,7 @@ class Options:
     names:       of vehicles in keys, by `<sysid>-<compid>`; others are called by that.
     congestion:  what a slow reader costs: its records ("drop") or time ("block").
     quiet:       say only what went wrong.
+    lag_s:       publish smoothed poses too, so many seconds behind; 0: none.
     """
 
     rate_hz: float = 50.0
@@ -49,6 +50,7 @@ class Options:
     encoding: Encoding = "json"
     congestion: Congestion = "drop"
     quiet: bool = False
+    lag_s: float = 0.0
 
 
 class Vehicle:
@@ -190,7 +192,9 @@ class Fleet:
         options, name = self._options, f"{address[0]}-{address[1]}"
         first = self._next_session.get(address, 0)
         name = options.names.get(name, name)
-        return VehicleStream(name, options.config, options.rate_hz, options.imu, options.model, first_session=first)
+        return VehicleStream(
+            name, options.config, options.rate_hz, options.imu, options.model, first_session=first, lag_s=options.lag_s
+        )
 
     def _publisher(self, vehicle: Vehicle) -> Publisher:
         if vehicle.publisher is None:

@@ -7,12 +7,14 @@ the boot clock, where a status is due.
 import math
 from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.config import Config
+from mavkf.diagnostics.covariance import judge_condition
 from mavkf.estimate import Consistency, Event, Pose, Record, Status
 from mavkf.link.clocks import VehicleClock
 from mavkf.navigation import layout as L
@@ -29,12 +31,13 @@ KINDS = {Kind.IMU: "imu", Kind.GNSS: "gnss", Kind.MAGNETOMETER: "magnetometer", 
 
 
 class Step(msgspec.Struct):
-    """What came of some rows: arrays of the fold, then a status and a reboot event where they were due."""
+    """What came of some rows: arrays of the fold, then a status, an event and smoothed pose rows (n, POSE_WIDTH) where they were due."""
 
     session: int
     output: Output
     status: Status | None = None
     event: Event | None = None
+    smoothed: Array | None = None
 
 
 class VehicleStream:
@@ -49,12 +52,13 @@ class VehicleStream:
         model: str | None = None,
         span: tuple[float, float] = (-math.inf, math.inf),
         first_session: int = 0,
+        lag_s: float = 0.0,
     ) -> None:
         """vehicle: its name in keys; rate_hz, imu, model: as of `SessionEstimator`; span: boot times (s) to use.
 
-        first_session: the number of the first session, where there were others before.
+        first_session: the number of the first session, where there were others before; lag_s: s after which smoothed poses come, 0: none.
         """
-        self.span, self._first_session = span, first_session
+        self.span, self._first_session, self._lag = span, first_session, lag_s
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.clock = VehicleClock(config.timeline.window_s)
         self.writer = RecordWriter(vehicle)
@@ -74,7 +78,7 @@ class VehicleStream:
         self._status_counts: Counter[str] = Counter()
         self._recent = RecentInnovations()
         if session >= 0:
-            self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model)
+            self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model, self._lag)
 
     @property
     def is_vehicle(self) -> bool:
@@ -88,9 +92,18 @@ class VehicleStream:
     def finish(self) -> Iterator[Step]:
         """Take it that nothing more will come."""
         yield from self._timed(within(self.clock.flush(), self.span))
-        if self.estimator is not None and self.is_vehicle:
-            for output in self.estimator.finish():
-                yield self._step(output)
+        yield from self._end_session()
+
+    def _end_session(self) -> Iterator[Step]:
+        if self.estimator is None or not self.is_vehicle:
+            return
+        for output in self.estimator.finish():
+            yield self._step(output)
+        if self._lag > 0.0:
+            yield Step(self.session, _nothing(), smoothed=self._smoothed(self._newest + self._lag))
+
+    def _smoothed(self, now: float) -> Array | None:
+        return self.estimator.smoothed(now) if self._lag > 0.0 and self.estimator is not None else None
 
     def _timed(self, rows: Array) -> Iterator[Step]:
         rows[:, SESSION] += self._first_session
@@ -114,14 +127,13 @@ class VehicleStream:
             if due and self.is_vehicle:
                 status = self._status()
                 gap = self._newest - before  # so large a step always enters another second
-                yield Step(session, _nothing(), status, self._gap(before, gap) if gap > LINK_GAP_S else None)
+                event = self._gap(before, gap) if gap > LINK_GAP_S else None
+                yield Step(session, _nothing(), status, event, self._smoothed(self._newest))
 
     def _change_session(self, session: int, t: float) -> Iterator[Step]:
-        before, estimator = self._newest, self.estimator
+        before = self._newest
         self._known |= self.is_vehicle
-        if estimator is not None and self.is_vehicle:
-            for output in estimator.finish():
-                yield self._step(output)
+        yield from self._end_session()
         self._begin(session)
         self._newest = -math.inf
         if self._known:
@@ -200,7 +212,19 @@ class VehicleStream:
                 name: self._newest - self._last[kind] if kind in self._last else None for kind, name in KINDS.items()
             },
             innovations=self._consistency(row),
+            **self._covariance(),
         )
+
+    def _covariance(self) -> dict[str, Any]:
+        """What the covariance is to the computer."""
+        estimator = self.estimator
+        if estimator is None or estimator.setup is None:
+            return {}
+        finding = judge_condition(L.covariance(estimator.state))
+        return {
+            "condition": finding.value if math.isfinite(finding.value) else None,
+            "covariance": finding.sentence,
+        }
 
     def _consistency(self, row: Array) -> dict[str, Consistency]:
         """What recent innovations say. row: the pose row (POSE_WIDTH,) of now."""
@@ -233,6 +257,8 @@ class VehicleStream:
             yield step.status
         if step.event is not None:
             yield step.event
+        for row in () if step.smoothed is None else step.smoothed:
+            yield self.writer.smoothed_pose(row, step.session)
 
     def poses(self, step: Step) -> Iterator[Pose]:
         """The pose records of a step."""
