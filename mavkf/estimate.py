@@ -170,7 +170,7 @@ class Status(Head, frozen=True, kw_only=True):
     silent_s: None while the vehicle is heard; else the record is the last one again, and this long, by the service's clock, nothing has
         come: what it says is stale.
     innovations: by sensor (names as of the keys of innovations; a second receiver has its message behind), of the last minute.
-    condition: condition number of the covariance, each state in units of its sigma: 1e8 costs half of the digits; None: not positive definite.
+    condition: condition number of the covariance, each state in units of its sigma; 1e8 costs half of the digits; None: not a covariance.
     covariance: what that means, in one sentence.
     """
 

@@ -38,7 +38,7 @@ class Events(Protocol):
 
 
 def without_delay(state: Array, c: Array) -> tuple[Array, float]:
-    """Take the GNSS delay out of a state before its first event, where a smoother must not estimate it; give such parameters, and sigma (s).
+    """Take the GNSS delay out of a state before its first event, where a smoother must not estimate it; give parameters, and sigma (s).
 
     The filter does not estimate the delay with a slow IMU, which shows its own aliasing instead.
     """
