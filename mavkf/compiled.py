@@ -106,12 +106,17 @@ def kernel(function: F) -> F:
     return _later(function, False)
 
 
-def _later(function: F, with_allocator: bool) -> F:
+def fused_kernel(function: F) -> F:
+    """Compile a kernel whose products and sums may be one instruction, rounded once, where the processor has it: for long sums only."""
+    return _later(function, False, fastmath={"contract"})
+
+
+def _later(function: F, with_allocator: bool, **options: Any) -> F:
     if not inspect.isfunction(function):
         raise TypeError(f"{function!r} is not a function")
     if numba.config.DISABLE_JIT:
         return function
-    kept: F = _Later(function, with_allocator)  # type: ignore[assignment]
+    kept: F = _Later(function, with_allocator, options)  # type: ignore[assignment]
     return kept
 
 
@@ -121,16 +126,16 @@ class _Later:
     Hundreds are defined, and a run whose machine code is in the cache asks for a dozen.
     """
 
-    def __init__(self, function: Callable[..., Any], with_allocator: bool) -> None:
+    def __init__(self, function: Callable[..., Any], with_allocator: bool, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
-        self._function, self._with_allocator = function, with_allocator
+        self._function, self._options = function, {"fastmath": False} | options | {"_nrt": with_allocator}
 
     @cached_property
     def _dispatcher(self) -> Any:
         before = numba.config.CACHE_DIR  # set only for this, so that other users of numba in the process keep theirs
         numba.config.CACHE_DIR = str(cache_folder())
         try:
-            return numba.njit(cache=True, error_model="numpy", _nrt=self._with_allocator)(self._function)
+            return numba.njit(cache=True, error_model="numpy", **self._options)(self._function)
         finally:
             numba.config.CACHE_DIR = before
 

@@ -102,7 +102,9 @@ def compiled_files() -> set[Path]:
     """Files of the package, relative to it, with compiled functions in them, and all of the package that those import."""
     paths = {path.relative_to(SOURCE) for part in (".", "models", "replay") for path in (SOURCE / part).rglob("*.py")}
     found = {
-        path for path in paths if re.search(r"^@(compiled|kernel|compiled_apart\()", (SOURCE / path).read_text(), re.M)
+        path
+        for path in paths
+        if re.search(r"^@(compiled|kernel|fused_kernel|compiled_apart\()", (SOURCE / path).read_text(), re.M)
     }
     imported = set()
     for path in found:

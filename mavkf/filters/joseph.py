@@ -165,6 +165,8 @@ def correct(P, PHt, S, inverse, r, dx, K, work, considered, first):
         for i in range(n):
             k0, k1, k2 = work[0, i], work[1, i], work[2, i]
             u0, u1, u2 = work[3, i], work[4, i], work[5, i]
+            if k0 == 0.0 and k1 == 0.0 and k2 == 0.0 and u0 == 0.0 and u1 == 0.0 and u2 == 0.0:
+                continue  # a state that is known exactly, or has nothing to do with it
             for j in range(n):
                 P[i, j] -= (
                     (k0 * work[3, j] + u0 * work[0, j])
@@ -175,6 +177,8 @@ def correct(P, PHt, S, inverse, r, dx, K, work, considered, first):
         for b in range(m):
             for i in range(n):
                 k, u = work[b, i], work[m + b, i]
+                if k == 0.0 and u == 0.0:
+                    continue
                 for j in range(n):
                     P[i, j] -= k * work[m + b, j] + u * work[b, j]
 

@@ -6,7 +6,7 @@ transition is made of is summed, and the noise.
 
 import math
 
-from mavkf.compiled import NOTHING, VECTOR, compiled_apart, kernel
+from mavkf.compiled import NOTHING, VECTOR, compiled_apart, fused_kernel, kernel
 from mavkf.models import constant_velocity, strapdown
 from mavkf.models.strapdown import DBA, DBARO, DBG, DDELAY, DGNSS, GNSS, SUMS, THETA, TOP, VEL
 from mavkf.navigation import layout as L
@@ -42,7 +42,7 @@ def add_noise(s, c, gyro, accel, dt, P):
         P[i, i] += q[i]
 
 
-@kernel
+@fused_kernel
 def propagate_covariance(P, Phi):
     """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity."""
     n = P.shape[0]

@@ -153,8 +153,7 @@ class SessionEstimator:
         assert self.setup is not None
         if self._next_id == 0:
             self._allocate()
-        chosen = rows[select(rows, self.setup)]
-        events = to_events(chosen, self.setup, self._next_id)
+        events = to_events(rows[select(rows, self.setup)], self.setup, self._next_id)
         self._next_id += events.shape[0]
         if self._lagging is not None:
             self._lagging.take(events)

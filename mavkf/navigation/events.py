@@ -7,7 +7,7 @@ from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.navigation import layout as L
 from mavkf.navigation.earth_field import earth_field
 from mavkf.navigation.setup import Setup
-from mavkf.navigation.timeline import order
+from mavkf.navigation.timeline import order, place_events
 from mavkf.samples import (
     ACCEL,
     ARRIVAL,
@@ -19,29 +19,31 @@ from mavkf.samples import (
     KIND,
     LATITUDE,
     LONGITUDE,
-    ROW_WIDTH,
     SEQUENCE,
     SOURCE,
     TIME,
     Kind,
+    Source,
 )
 
 Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+KINDS, SOURCES = max(Kind) + 1, max(Source) + 1
 
 
 def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
     """Which rows (n, ROW_WIDTH) the fold gets: what is used or may have to be, all receivers, and heartbeats."""
-    kind, source = rows[:, KIND], rows[:, SOURCE]
-    use = kind == Kind.HEARTBEAT
-    for wanted, sources in (
+    wanted = np.zeros((KINDS, SOURCES), dtype=bool)
+    wanted[Kind.HEARTBEAT] = True
+    for kind, sources in (
         (Kind.GNSS, GNSS_SOURCES),
         (Kind.IMU, setup.imus),
         (Kind.MAGNETOMETER, setup.magnetometers),
         (Kind.BAROMETER, setup.barometers),
     ):
-        use |= (kind == wanted) & np.isin(source, sources)
-    chosen_rows: NDArray[np.bool_] = use & np.isfinite(rows[:, TIME])
-    return chosen_rows
+        wanted[kind, list(sources)] = True
+    use: NDArray[np.bool_] = wanted[rows[:, KIND].astype(np.int64), rows[:, SOURCE].astype(np.int64)]
+    return use & np.isfinite(rows[:, TIME])
 
 
 def turn_sensors(rows: Array, rotation: tuple[float, float, float]) -> None:
@@ -66,11 +68,14 @@ def turn_sensors(rows: Array, rotation: tuple[float, float, float]) -> None:
 
 def to_events(rows: Array, setup: Setup, first_id: int) -> Array:
     """Events (n, EVENT_WIDTH) of selected rows: measured time in TIME, the earth's field beside each fix, running numbers."""
-    events = np.full((rows.shape[0], L.EVENT_WIDTH), np.nan)
-    events[:, :ROW_WIDTH] = rows
+    return _events_at(np.ascontiguousarray(rows), np.arange(len(rows)), first_id + np.arange(len(rows)), setup)
+
+
+def _events_at(rows: Array, index: Whole, numbers: Whole, setup: Setup) -> Array:
+    """The same of the rows at an index (m,), with these numbers (m,)."""
+    events = np.empty((len(index), L.EVENT_WIDTH))
+    place_events(rows, index, numbers, delays(setup), events)
     turn_sensors(events, setup.imu_rotation)
-    subtract_delays(events[:, KIND], events[:, TIME], setup)
-    events[:, L.EVENT_ID] = np.arange(first_id, first_id + rows.shape[0])
     for i in np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, FIX] >= 3)):
         events[i, L.FIELD_N : L.FIELD_N + 3] = earth_field(
             events[i, LATITUDE], events[i, LONGITUDE], events[i, ARRIVAL]
@@ -78,15 +83,12 @@ def to_events(rows: Array, setup: Setup, first_id: int) -> Array:
     return events
 
 
-def subtract_delays(kind: Array, time: Array, setup: Setup) -> None:
-    """Turn stamps (n), s, of rows of these kinds into times of measurement, in place."""
-    for each, delay in (
-        (Kind.IMU, setup.imu_delay),
-        (Kind.GNSS, setup.gnss_delay),
-        (Kind.MAGNETOMETER, setup.magnetometer_delay),
-        (Kind.BAROMETER, setup.barometer_delay),
-    ):
-        time[kind == each] -= delay
+def delays(setup: Setup) -> Array:
+    """By how much (s) the stamps of each kind (n,) are later than the measurement."""
+    found = np.zeros(KINDS)
+    found[Kind.IMU], found[Kind.GNSS] = setup.imu_delay, setup.gnss_delay
+    found[Kind.MAGNETOMETER], found[Kind.BAROMETER] = setup.magnetometer_delay, setup.barometer_delay
+    return found
 
 
 class SortedEvents:
@@ -94,10 +96,10 @@ class SortedEvents:
 
     def __init__(self, rows: Array, setup: Setup) -> None:
         """rows are kept, not copied."""
-        self._rows, self._setup = rows, setup
+        self._rows, self._setup = np.ascontiguousarray(rows), setup
         chosen = np.flatnonzero(select(rows, setup))
-        kind, time = rows[chosen, KIND], rows[chosen, TIME]
-        subtract_delays(kind, time, setup)
+        kind = rows[chosen, KIND]
+        time = rows[chosen, TIME] - delays(setup)[kind.astype(np.int64)]
         self._number = order(time, kind, rows[chosen, SOURCE], rows[chosen, SEQUENCE])
         self._index = chosen[self._number]
 
@@ -106,6 +108,4 @@ class SortedEvents:
 
     def block(self, first: int, last: int) -> Array:
         """Events first..last (m, EVENT_WIDTH), by `timeline.precedes`; equal ones keep their order."""
-        events = to_events(self._rows[self._index[first:last]], self._setup, 0)
-        events[:, L.EVENT_ID] = self._number[first:last]
-        return events
+        return _events_at(self._rows, self._index[first:last], self._number[first:last], self._setup)

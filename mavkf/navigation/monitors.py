@@ -20,8 +20,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled, kernel
-from mavkf.filters.joseph import invert
+from mavkf.compiled import compiled, fused_kernel, kernel
 from mavkf.models.strapdown import DBA, DBG, DGNSS, TOP
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
@@ -139,7 +138,7 @@ def begin_hypotheses(s):
         begin_one(s, h)
 
 
-@kernel
+@fused_kernel
 def follow_transition(s, Phi):
     """Add one step's transition (9, TOP) to what the effects have still to be carried along."""
     if s[L.MONITORED] == 0.0:
@@ -162,7 +161,7 @@ def follow_decay(s, axis, phi):
     s[L.SINCE_UPDATE + 9 * TOP + axis] *= phi
 
 
-@kernel
+@fused_kernel
 def carry_effects(s):
     """Carry all effects along to the state's time."""
     Phi = block(s, L.SINCE_UPDATE, 9, TOP)
@@ -186,7 +185,7 @@ def carry_effects(s):
     carry_nothing(s)
 
 
-@kernel
+@fused_kernel
 def shown_by(s, e, sensor, H, G):
     """Fill G (m, COLUMNS) with what unit faults do to the innovation of a sensor (value of a Sensor): D - H f. H: (m, n)."""
     m, n = H.shape
@@ -213,7 +212,7 @@ def shown_by(s, e, sensor, H, G):
                     G[a, 3 * h + a] += 1.0
 
 
-@kernel
+@fused_kernel
 def watch(s, e, sensor, r, H, inverse, K, nis, tells):
     """Take one fused measurement into all hypotheses: innovation r (m,), H (m, n), S^-1 (m, m), gain K (n, m), sensor: value of a Sensor.
 
@@ -251,11 +250,28 @@ def watch(s, e, sensor, r, H, inverse, K, nis, tells):
 
 
 @kernel
+def invert_by_cofactors(J, inverse):
+    """Inverse of a symmetric matrix (3, 3); returns its determinant. J_0 keeps J far from singular, so that this is as good as a root."""
+    a, b, c = J[0, 0], J[0, 1], J[0, 2]
+    d, e, f = J[1, 1], J[1, 2], J[2, 2]
+    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * p + b * q + c * r
+    scale = 1.0 / determinant
+    inverse[0, 0] = scale * p
+    inverse[0, 1] = inverse[1, 0] = scale * q
+    inverse[0, 2] = inverse[2, 0] = scale * r
+    inverse[1, 1] = scale * (a * f - c * c)
+    inverse[1, 2] = inverse[2, 1] = scale * (b * c - a * e)
+    inverse[2, 2] = scale * (a * d - b * b)
+    return determinant
+
+
+@kernel
 def regress(s, h, size, covariance):
     """Fill the likeliest size b (3,) of hypothesis h and its covariance J^-1 (3, 3); returns l, or 0 where there is nothing to tell."""
     b = hypothesis(h)
     J = block(s, b + L.H_J, 3, 3)
-    if not math.isfinite(s[b]) or not invert(J, covariance) > 0.0:
+    if not math.isfinite(s[b]) or not invert_by_cofactors(J, covariance) > 0.0:
         return 0.0
     ratio = 0.0
     for i in range(3):

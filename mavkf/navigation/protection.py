@@ -45,20 +45,23 @@ def protection_levels(s, c, P):
     vertical = k_0 * math.sqrt(P[POS + 2, POS + 2])
     if s[L.MONITORED] != 0.0:
         size, C = vector(3), matrix(3, 3)
-        shift, M = vector(3), matrix(3, 3)
+        shift, spread, M = vector(3), matrix(3, 3), matrix(3, 3)
+        f = effects(s)
         for h in range(L.HYPOTHESES):
             if not math.isfinite(s[hypothesis(h)]):
                 continue
             regress(s, h, size, C)
-            f = effects(s)
             for i in range(3):
                 shift[i] = 0.0
                 for j in range(3):
                     shift[i] += f[POS + i, 3 * h + j] * size[j]
-                    M[i, j] = P[POS + i, POS + j]
+                    spread[i, j] = 0.0
                     for a in range(3):
-                        for b in range(3):
-                            M[i, j] += f[POS + i, 3 * h + a] * C[a, b] * f[POS + j, 3 * h + b]
+                        spread[i, j] += f[POS + i, 3 * h + a] * C[a, j]
+            for i, j in ((0, 0), (0, 1), (1, 1), (2, 2)):
+                M[i, j] = P[POS + i, POS + j]
+                for a in range(3):
+                    M[i, j] += spread[i, a] * f[POS + j, 3 * h + a]
             away = math.sqrt(shift[0] * shift[0] + shift[1] * shift[1])
             horizontal = max(horizontal, away + k * largest_sigma(M[0, 0], M[0, 1], M[1, 1]))
             vertical = max(vertical, abs(shift[2]) + k * math.sqrt(max(M[2, 2], 0.0)))

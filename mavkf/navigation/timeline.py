@@ -10,7 +10,7 @@ from mavkf.navigation.fold import fold
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import GNSS_KIND, IMU_KIND
 from mavkf.navigation.pose import pose_row
-from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME
+from mavkf.samples import KIND, ROW_WIDTH, SEQUENCE, SOURCE, TIME
 from mavkf.stack import copy
 
 STRIDE = 16  # events between snapshots
@@ -38,9 +38,48 @@ def precedes(a, b):
     return a[SEQUENCE] < b[SEQUENCE]
 
 
+@kernel
+def order_ties(index, time, kind, source, sequence):
+    """Sort those of an index (n,) that are of the same time by the rest of `precedes`, by insertion: they are few, and equal ones stay."""
+    for n in range(1, index.size):
+        k, i = index[n], n
+        while i > 0:
+            other = index[i - 1]
+            if time[other] != time[k]:
+                break
+            if kind[other] != kind[k]:
+                after = kind[other] > kind[k]
+            elif source[other] != source[k]:
+                after = source[other] > source[k]
+            else:
+                after = sequence[other] > sequence[k]
+            if not after:
+                break
+            index[i] = other
+            i -= 1
+        index[i] = k
+
+
 def order(time: np.ndarray, kind: np.ndarray, source: np.ndarray, sequence: np.ndarray) -> np.ndarray:
     """The indices (n,) that sort events by `precedes`; equal ones keep their order."""
-    return np.lexsort((sequence, source, kind, time))
+    index = np.argsort(time, kind="stable")  # what is nearly sorted costs little
+    order_ties(index, *map(np.ascontiguousarray, (time, kind, source, sequence)))
+    return index
+
+
+@kernel
+def place_events(rows, index, numbers, delays, events):
+    """Fill events (m, EVENT_WIDTH) with the rows at an index (m,), their running numbers (m,) and times of measurement.
+
+    delays: (kinds,) s; the earth's field is left unknown.
+    """
+    for i in range(index.size):
+        for j in range(ROW_WIDTH):
+            events[i, j] = rows[index[i], j]
+        events[i, TIME] -= delays[int(events[i, KIND])]
+        for j in range(ROW_WIDTH, L.EVENT_ID):
+            events[i, j] = np.nan
+        events[i, L.EVENT_ID] = numbers[i]
 
 
 @kernel
