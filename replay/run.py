@@ -181,7 +181,7 @@ def run(
                 progress("estimating", (k + share) / len(addresses))
 
         name = vehicle_name(address)
-        found, clocks[name] = run_rows(name, log.rows.pop(address), options, part, each)
+        found, clocks[name] = run_rows(name, log.rows.pop(address), options, part, each, keep=False)
         sessions += found
     if options.session is not None and not sessions:
         raise UsageError(
@@ -196,15 +196,17 @@ def run_rows(
     options: Options,
     progress: Callable[[float], object] | None = None,
     each: Callable[[VehicleStream, Step], object] | None = None,
+    *,
+    keep: bool = True,
 ) -> tuple[list[SessionResult], ClockCounts]:
     """Estimate the sample rows (n, ROW_WIDTH) of one vehicle, in the order of arrival; `run` does this for each vehicle of a log.
 
     name: of the vehicle; progress: called with the share that is done; each: as of `run`. TIME and SESSION of the rows are not
-    read. Raises UsageError.
+    read. keep: whether the caller needs the rows as they are; else what is made of them may take their place. Raises UsageError.
     """
     if options.faults:
         rows = apply_faults(rows, options.faults, boot_times(rows, options.config.timeline.window_s))
-    timed, counts = on_boot_clock(rows, options.config.timeline.window_s)
+    timed, counts = on_boot_clock(rows, options.config.timeline.window_s, in_place=not keep and not options.as_live)
     timed = within(timed, options.span)
     if not options.as_live:
         rows = timed  # the others may go
@@ -213,14 +215,21 @@ def run_rows(
     return list(estimate(name, rows, timed, options, part, each)), counts
 
 
-def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
+def on_boot_clock(rows: Array, window_s: float, *, in_place: bool = False) -> tuple[Array, ClockCounts]:
     """Rows of one vehicle (n, ROW_WIDTH), in the order of arrival, with their TIME and SESSION; what has no time is left out.
 
-    window_s: as of `mavkf.config.Timeline`.
+    window_s: as of `mavkf.config.Timeline`; in_place: whether they take the place of those given, which a long log needs the memory of.
     """
     clock = VehicleClock(window_s)
-    timed, held = clock.push(rows), clock.flush()
-    return np.concatenate([timed, held]) if held.size else timed, clock.counts
+    timed = rows if in_place else np.empty_like(rows)
+    count = 0
+    for first in range(0, len(rows) + 1, BLOCK):
+        last = first + BLOCK > len(rows)
+        # never more than were taken, so none is overwritten that is still to come
+        for decided in (clock.push(rows[first : first + BLOCK]), *((clock.flush(),) if last else ())):
+            timed[count : count + len(decided)] = decided
+            count += len(decided)
+    return timed[:count], clock.counts
 
 
 def boot_times(rows: Array, window_s: float) -> Array:
