@@ -44,7 +44,7 @@ class Records:
 SLICE = 512  # frames of a log between two looks at whether to stop
 PATIENCE_S = 5.0
 LAST_CHUNKS_S = 0.3
-LATE_US = 500_000  # behind the arrivals: outputs are left out
+LATE_US, CAUGHT_UP_US = 2_000_000, 200_000  # behind the arrivals by so much outputs are left out, until it is so little
 TELL_LATE_S = 5.0
 
 
@@ -82,7 +82,7 @@ def serve_links(
         while not stopped():
             have_ended = all(link.has_ended for link in links)
             batch = inbox.get(POLL_S)
-            worker.take(batch, is_late=inbox.lag_us > LATE_US)
+            worker.take(batch, inbox.lag_us)
             worker.speak()
             fleet.look_after()
             if not batch:
@@ -179,9 +179,9 @@ class Worker:
         self._late_told_s = -np.inf
         fleet.when_ended = self._end_parts
 
-    def take(self, batch: Sequence[Chunk], *, is_late: bool = False) -> None:
-        """Take chunks in the order of arrival; is_late: more has arrived since than there is time for."""
-        self._fleet.is_late = is_late
+    def take(self, batch: Sequence[Chunk], lag_us: int = 0) -> None:
+        """Take chunks in the order of arrival; lag_us: how much had arrived after the first of them."""
+        is_late = self._fleet.is_late = lag_us > (CAUGHT_UP_US if self._fleet.is_late else LATE_US)
         if is_late and time.monotonic() - self._late_told_s > TELL_LATE_S:
             self._late_told_s = time.monotonic()
             self._fleet.warn(
