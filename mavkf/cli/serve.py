@@ -40,6 +40,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     config: Path | None = None,
     set: Annotated[tuple[str, ...], Repeated] = (),
     encoding: str = "json",
+    control: bool = False,
     connect: Connect = (),
     listen: Listen = (),
     zenoh_config: ZenohConfig = None,
@@ -78,6 +79,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
         config: TOML file of settings.
         set: key=value, one setting; may be repeated.
         encoding: json or msgpack.
+        control: Of links: let others reset the estimate and change its settings, by queries on mavkf/VEHICLE/@ctl/reset and
+            .../config.
         quiet: Say only what goes wrong.
 
     """
@@ -107,6 +110,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     links = [one for one in opened if not isinstance(one, Path)]
     if logs and links:
         raise UsageError(f"{logs[0]} is a log and {links[0].name} is live: serve them by two commands")
+    if logs and control:
+        raise UsageError("--control is for live telemetry: a log can be served anew")
     if links and wait_subscriber is not None:
         raise UsageError("--wait-subscriber is for logs: live telemetry waits for nobody")
     if links and speed != 1.0:
@@ -145,6 +150,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
         encoding=next(known for known in get_args(Encoding) if known == encoding),
         congestion="drop" if wait_subscriber is None else "block",
         quiet=quiet,
+        control=control,
     )
     recordings = Records(record, record_mb * 1e6, record_hours * 3600.0) if record is not None else None
     with (

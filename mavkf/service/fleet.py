@@ -39,6 +39,7 @@ class Options:
     names:       of vehicles in keys, by `<sysid>-<compid>`; others are called by that.
     congestion:  what a slow reader costs: its records ("drop") or time ("block").
     quiet:       say only what went wrong.
+    control:     whether others may act on the service over zenoh.
     """
 
     rate_hz: float = 50.0
@@ -49,6 +50,7 @@ class Options:
     encoding: Encoding = "json"
     congestion: Congestion = "drop"
     quiet: bool = False
+    control: bool = False
 
 
 class Vehicle:
@@ -98,6 +100,7 @@ class Fleet:
         self._others: set[Address] = set()  # by their heartbeats
         self._autopilots: set[Address] = set()
         self._next_session: dict[Address, int] = {}
+        self._configs: dict[Address, Config] = {}  # other than that of the options
         self._is_full = False
         self._session, self._options, self.warn, self._now = session, options, say, now
         self._say = (lambda _: None) if options.quiet else say
@@ -136,9 +139,10 @@ class Fleet:
             elif vehicle.publisher is not None and silent >= STALE_S and now - vehicle.stale_told_s >= 1.0:
                 self._tell_stale(vehicle, silent)
 
-    def reset(self, vehicle: Vehicle) -> None:
-        """End the session of a vehicle and begin another with nothing known."""
+    def reset(self, vehicle: Vehicle, config: Config) -> None:
+        """End the session of a vehicle and begin another with nothing known; config: of that and those after it."""
         address = next(address for address, one in self.vehicles.items() if one is vehicle)
+        self._configs[address] = config
         self._end(address, "reset", "the estimate was reset on request: everything begins anew")
         vehicle.stream = self._stream(address)
 
@@ -190,7 +194,8 @@ class Fleet:
         options, name = self._options, f"{address[0]}-{address[1]}"
         first = self._next_session.get(address, 0)
         name = options.names.get(name, name)
-        return VehicleStream(name, options.config, options.rate_hz, options.imu, options.model, first_session=first)
+        config = self._configs.get(address, options.config)
+        return VehicleStream(name, config, options.rate_hz, options.imu, options.model, first_session=first)
 
     def _publisher(self, vehicle: Vehicle) -> Publisher:
         if vehicle.publisher is None:

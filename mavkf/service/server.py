@@ -21,6 +21,7 @@ from mavkf.link.framing import FrameStream
 from mavkf.publish.publisher import Publisher
 from mavkf.replay.tlog import read_tlog
 from mavkf.service.belief import Belief
+from mavkf.service.control import Control
 from mavkf.service.duplicates import Duplicates
 from mavkf.service.endpoints import POLL_S, Link
 from mavkf.service.fleet import Fleet, Options
@@ -77,9 +78,14 @@ def serve_links(
             take = partial(inbox.put, number, patient=link.is_patient)
             threads.append(Thread(target=link.receive, args=(take,), name=link.name, daemon=True))
             threads[-1].start()
+        control = Control(session, fleet, say) if options.control else None
+        if control is not None:
+            ends.callback(control.close)
         begin = time.monotonic()
         told = False
         while not stopped():
+            if control is not None:
+                control.work()
             have_ended = all(link.has_ended for link in links)
             batch = inbox.get(POLL_S)
             worker.take(batch, inbox.lag_us)

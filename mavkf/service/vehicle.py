@@ -54,7 +54,7 @@ class VehicleStream:
 
         first_session: the number of the first session, where there were others before.
         """
-        self.span, self._first_session = span, first_session
+        self.span, self.first_session = span, first_session
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.clock = VehicleClock(config.timeline.window_s)
         self.writer = RecordWriter(vehicle)
@@ -93,7 +93,7 @@ class VehicleStream:
                 yield self._step(output)
 
     def _timed(self, rows: Array) -> Iterator[Step]:
-        rows[:, SESSION] += self._first_session
+        rows[:, SESSION] += self.first_session
         i = 0
         while i < rows.shape[0]:
             session = int(rows[i, SESSION])
