@@ -25,7 +25,10 @@ Message: TypeAlias = mavlink.MAVLink_message
 Say = Callable[[str], None]
 
 ANSWER_S, TRIES = 0.5, 2
-LISTEN_S = 1.5  # twice, where something comes
+LISTEN_S, LOOK_S = (
+    1.2,
+    0.5,
+)  # before the first asking, and before another: which IMU is used is decided in a session's first 5 s
 SETTLE_S = 3.0
 AGAIN_S = (3.0, 60.0)  # between askings that did not help
 SILENT_S = 5.0  # without a heartbeat: away
@@ -133,9 +136,7 @@ class Conversation:
         wait = AGAIN_S[0]
         while True:
             self._rebooted = False
-            yield _Pause(LISTEN_S)
-            if self._rates.count(self._t, tuple(name for stream in STREAMS for name in stream.sources)):
-                yield _Pause(LISTEN_S)
+            yield _Pause(LOOK_S if self.has_asked else LISTEN_S)
             missing = self._missing()
             if missing and not self.may_ask:
                 self._tell(f"would ask for {_wish(affordable(missing, self._budget()))}: --request lets it")
@@ -148,6 +149,7 @@ class Conversation:
                 yield from self._ask_groups()
                 self._tell(self._outcome())
             yield from self._watch(wait)
+            self._rates = Rates()
             wait = AGAIN_S[0] if self._rebooted else min(2.0 * wait, AGAIN_S[1])
 
     def _missing(self) -> list[Stream]:
@@ -159,7 +161,7 @@ class Conversation:
         self._is_mute = {"get": False, "set": False}
         self._asked = affordable(missing, self._budget())
         self._granted.clear()
-        for stream, rate in self._asked.items():
+        for stream, rate in sorted(self._asked.items(), key=lambda item: -item[1]):  # the IMU first
             wanted_us = round(1e6 / rate)
             for name in stream.messages:
                 found = yield from self._get(name)

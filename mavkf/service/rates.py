@@ -39,4 +39,4 @@ class Rates:
 
     def reaches(self, t: float, names: tuple[str, ...], rate_hz: float) -> bool:
         """Whether that is a rate; of slow messages one in the window is enough."""
-        return self.count(t, names) >= max(1, math.floor(rate_hz * self.span(t)))
+        return self.count(t, names) >= max(1, math.ceil(rate_hz * self.span(t)))

@@ -131,11 +131,11 @@ class Reader:
             self.published.setdefault(str(sample.key_expr), []).append(record)
             self._changed.notify_all()
 
-    def connected(self, timeout_s: float = 20.0) -> None:
-        """Wait until a publisher's session is there; zenoh tells of none by itself."""
+    def wait_for_publisher(self, timeout_s: float = 20.0) -> None:
+        """Wait until a service has found this reader: what it published before would be missed."""
         deadline = time.monotonic() + timeout_s
         while not self._session.info.peers_zid():
-            assert time.monotonic() < deadline
+            assert time.monotonic() < deadline, "no publisher has come"
             time.sleep(0.02)
 
     def wait(self, is_enough: Callable[[Published], bool], timeout_s: float = 20.0) -> Published:

@@ -52,7 +52,7 @@ def test_a_reset_on_request_can_be_repeated_from_the_recordings(
 ) -> None:
     process = serve("udpin:127.0.0.1:0", "--no-request", "--control", "--record", tmp_path)
     with sender(process) as send, open_session(publishes=False) as session:
-        reader.connected()
+        reader.wait_for_publisher()
         send(flight[:900])
         reader.wait(has_pose_at(9.0))
         settings = json.loads(ask(session, "config")[0])
@@ -86,7 +86,7 @@ def test_a_reset_on_request_can_be_repeated_from_the_recordings(
 def test_without_control_nobody_can_act(serve: Start, reader: Reader, flight: Frames) -> None:
     process = serve("udpin:127.0.0.1:0", "--no-request")
     with sender(process) as send, open_session(publishes=False) as session:
-        reader.connected()
+        reader.wait_for_publisher()
         send(flight[:300])
         reader.wait(lambda published: "mavkf/1-1/status" in published)
         assert ask(session, "reset") == []

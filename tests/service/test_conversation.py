@@ -421,7 +421,7 @@ def test_a_lossy_link_is_asked_until_it_answers() -> None:
     assert {name: vehicle.intervals[name] for name in NEEDED} == NEEDED
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_no_bytes_upset_the_conversation(data: st.DataObject) -> None:
     vehicle = Autopilot(sets=data.draw(st.sampled_from(["grant", "deny", "silent"])))

@@ -85,6 +85,7 @@ def udp(flight: Frames, serve: Start, reader: Reader, tmp_path: Path) -> Iterato
     """A service that listens, and what sends it the flight."""
     process = serve("udpin:127.0.0.1:0", "--record", tmp_path)
     port = int(process.line("listens on").rsplit(":", 1)[1])
+    reader.wait_for_publisher()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.connect(("127.0.0.1", port))
 
@@ -132,6 +133,7 @@ def test_tcp_cut_anywhere_gives_what_its_recording_gives(
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(20)
         process = serve(f"tcp:127.0.0.1:{server.getsockname()[1]}", "--record", tmp_path)
+        reader.wait_for_publisher()
         data = b"".join(frame for _, frame in flight)
         half = len(data) // 2 + 5  # in the midst of a frame, where the first connection ends
         for part in (data[:half], data[half:]):
@@ -170,6 +172,7 @@ def test_a_recorded_flight_over_udp_gives_what_its_recording_gives(
     assert FLIGHTS is not None
     process = serve("udpin:127.0.0.1:0", "--record", tmp_path, "--quiet")
     port = listening_port(process.process.pid)
+    reader.wait_for_publisher()
     player = Path(FLIGHTS).parent / "tools" / "play_tlog.py"
     words = (Path(FLIGHTS) / "ap01_copter_highrate.tlog", "--udp", f"127.0.0.1:{port}", "--speed", 8, "--to", 60)
     played = subprocess.run([sys.executable, player, *map(str, words)], capture_output=True, text=True, check=True)
@@ -247,6 +250,7 @@ def test_ctrl_c_before_the_set_up_publishes_what_a_replay_does(
 ) -> None:
     process = serve("udpin:127.0.0.1:0", "--record", tmp_path)
     port = int(process.line("listens on").rsplit(":", 1)[1])
+    reader.wait_for_publisher()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.connect(("127.0.0.1", port))
         for _, frame in flight[:180]:  # three seconds, two less than the set-up takes

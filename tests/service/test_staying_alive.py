@@ -54,7 +54,7 @@ def test_a_player_that_is_killed_five_times(
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(20)
         process = serve(f"tcp:127.0.0.1:{server.getsockname()[1]}", "--record", tmp_path)
-        reader.connected()
+        reader.wait_for_publisher()
         for part in parts:
             connection, _ = server.accept()
             with connection:
