@@ -40,6 +40,7 @@ class Options:
     congestion:  what a slow reader costs: its records ("drop") or time ("block").
     quiet:       say only what went wrong.
     control:     whether others may act on the service over zenoh.
+    metrics:     host and port of metrics for Prometheus, None: none.
     """
 
     rate_hz: float = 50.0
@@ -51,6 +52,7 @@ class Options:
     congestion: Congestion = "drop"
     quiet: bool = False
     control: bool = False
+    metrics: tuple[str, int] | None = None
 
 
 class Vehicle:
@@ -128,7 +130,7 @@ class Fleet:
         """See to the vehicles that have fallen silent; call it several times a second."""
         now = self._now()
         for address, vehicle in list(self.vehicles.items()):
-            silent = now - vehicle.heard_s
+            silent = self.silent_s(vehicle)
             if silent >= FORGET_S:
                 self._end(address, "forgotten", f"silent for {silent:.0f} s: should it return, it begins anew")
                 self._drop(address)
@@ -145,6 +147,10 @@ class Fleet:
         self._configs[address] = config
         self._end(address, "reset", "the estimate was reset on request: everything begins anew")
         vehicle.stream = self._stream(address)
+
+    def silent_s(self, vehicle: Vehicle) -> float:
+        """How long nothing has come of a vehicle, s."""
+        return self._now() - vehicle.heard_s
 
     def finish(self) -> None:
         """Take it that nothing more will come, and publish what waited."""

@@ -26,6 +26,7 @@ from mavkf.service.duplicates import Duplicates
 from mavkf.service.endpoints import POLL_S, Link
 from mavkf.service.fleet import Fleet, Options
 from mavkf.service.inbox import Chunk, Inbox
+from mavkf.service.metrics import Metrics
 from mavkf.service.playback import Merged, due_times, merge
 from mavkf.service.recorder import Recorder
 from mavkf.service.talk import Manners, Talk
@@ -73,6 +74,9 @@ def serve_links(
             ends.callback(link.close)
         talks = [Talk(link, number, manners) for number, link in enumerate(links)]
         worker = Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say), talks, belief)
+        if options.metrics is not None:
+            counts = lambda: {link.name: stream.counts for link, stream in zip(links, worker.streams, strict=True)}  # noqa: E731
+            ends.callback(Metrics(options.metrics, fleet, inbox, counts, say).close)
         threads = []
         for number, link in enumerate(links):
             take = partial(inbox.put, number, patient=link.is_patient)
