@@ -14,7 +14,8 @@ import pytest
 
 import mavkf
 from mavkf.cli import COMMANDS, main
-from mavkf.cli.watch import COLUMNS, Row
+from mavkf.cli._screens import COLUMNS
+from mavkf.cli._seen import Row
 from mavkf.estimate import Mode, Pose, Validity
 from mavkf.publish.publisher import Publisher
 from mavkf.publish.records import decode
@@ -171,16 +172,16 @@ def test_interruption_and_a_closed_pipe_end_at_once_and_quietly(
 
 
 def test_what_a_row_says() -> None:
-    row = Row(POSE, 100.0)
-    assert COLUMNS["sigma horizontal m"](row) == "5.00"
-    assert COLUMNS["down m"](row) == "0.50"
-    assert COLUMNS["yaw deg"](row) == "-"
-    assert COLUMNS["north east down m/s"](row) == "-"
+    row = Row("1-1", 100.0)
+    row.take(POSE, 100.0)
+    texts = {name: column.text(row) for name, column in COLUMNS.items()}
+    assert (texts["\u03c3 h m"], texts["\u03c3 v"], texts["\u03c3 yaw"]) == ("5.00", "0.50", "-")
+    assert texts["v NED m/s"] == "-"
     row.take(Pose(vehicle="1-1", session=0, seq=57), 101.0)
-    assert COLUMNS["Hz"](row) == "50"
+    assert COLUMNS["Hz"].text(row) == "50"
     row.take(Pose(vehicle="1-1", session=1, seq=0), 101.5)
-    assert COLUMNS["Hz"](row) == "0"
-    assert COLUMNS["valid"](row) == "nothing"
+    assert COLUMNS["Hz"].text(row) == "0"
+    assert COLUMNS["valid"].text(row) == "nothing"
 
 
 def test_every_command_that_is_there_is_a_documented_function() -> None:

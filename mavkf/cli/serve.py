@@ -42,6 +42,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     config: Path | None = None,
     set: Annotated[tuple[str, ...], Repeated] = (),
     encoding: str = "json",
+    control: bool = False,
+    metrics: str | None = None,
     connect: Connect = (),
     listen: Listen = (),
     zenoh_config: ZenohConfig = None,
@@ -81,6 +83,9 @@ def serve(  # noqa: D417 (the rest is described in _console)
         config: TOML file of settings.
         set: key=value, one setting; may be repeated.
         encoding: json or msgpack.
+        control: Of links: let others reset the estimate and change its settings, by queries on mavkf/VEHICLE/@ctl/reset and
+            .../config.
+        metrics: Of links: PORT, or HOST:PORT, at which Prometheus finds metrics; a port alone is reached from this machine only.
         quiet: Say only what goes wrong.
 
     """
@@ -114,6 +119,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     links = [one for one in opened if not isinstance(one, Path)]
     if logs and links:
         raise UsageError(f"{logs[0]} is a log and {links[0].name} is live: serve them by two commands")
+    if logs and (control or metrics is not None):
+        raise UsageError("--control and --metrics are for live telemetry")
     if links and wait_subscriber is not None:
         raise UsageError("--wait-subscriber is for logs: live telemetry waits for nobody")
     if links and speed != 1.0:
@@ -133,6 +140,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     from mavkf.replay.run import imu_source
     from mavkf.service.belief import Belief
     from mavkf.service.fleet import Options
+    from mavkf.service.metrics import place
     from mavkf.service.server import Records, serve_links, serve_logs
     from mavkf.service.signing import Signing, read_key
     from mavkf.service.talk import Manners
@@ -152,11 +160,15 @@ def serve(  # noqa: D417 (the rest is described in _console)
         encoding=next(known for known in get_args(Encoding) if known == encoding),
         congestion="drop" if wait_subscriber is None else "block",
         quiet=quiet,
+        control=control,
+        metrics=place(metrics) if metrics is not None else None,
     )
     recordings = Records(record, record_mb * 1e6, record_hours * 3600.0) if record is not None else None
     with (
         _Signals(may_block=wait_subscriber is not None) as signals,
-        publishing_session(listen=listen, connect=connect, config_file=zenoh_config) as session,
+        publishing_session(
+            listen=listen, connect=connect, config_file=zenoh_config, stopped=signals.stopped
+        ) as session,
     ):
         if links:
             poses = serve_links(

@@ -47,6 +47,7 @@ def open_session(
     config_file: Path | None = None,
     rendezvous: str | None = None,
     say: Callable[[str], None] = _say,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> zenoh.Session:
     """Open a session; close it, or use it in a `with`.
 
@@ -57,8 +58,10 @@ def open_session(
         config_file: a zenoh configuration (JSON5) to use as it is instead of the above, plus `listen` and `connect`.
         rendezvous: where the sessions of this machine meet; default MAVKF_RENDEZVOUS or `RENDEZVOUS`.
         say: takes the sentences for the user; default to stderr.
+        stopped: asked while a client waits for its router; True: that is given up.
 
     Raises:
+        KeyboardInterrupt: `stopped` said so.
         UsageError: an endpoint or the configuration file is not what zenoh takes.
         EndpointError: an endpoint to listen on cannot be opened.
 
@@ -83,7 +86,7 @@ def open_session(
                 _insert(config, name, _extended(json.loads(config.get_json(name)), list(extra)))
     held = config_file is None and _is_taken(meeting)
     try:
-        session = zenoh.open(config)
+        session = _open(config, say, stopped)
     except zenoh.ZError as error:
         source = f"--zenoh-config {config_file}" if config_file else "the zenoh session"
         raise EndpointError(f"{source} cannot be opened: {_short(error)}") from error
@@ -98,16 +101,52 @@ def open_session(
     return session
 
 
+def _open(config: zenoh.Config, say: Callable[[str], None], stopped: Callable[[], bool]) -> zenoh.Session:
+    """Open a session; zenoh holds up whoever opens that of a client until its router is there, so that is done in a thread."""
+    if json.loads(config.get_json("mode")) != "client":
+        return zenoh.open(config)
+    opened: list[zenoh.Session | zenoh.ZError] = []
+
+    def work() -> None:
+        try:
+            opened.append(zenoh.open(config))
+        except zenoh.ZError as error:
+            opened.append(error)
+
+    opener = threading.Thread(target=work, daemon=True)
+    opener.start()
+    opener.join(_PATIENCE_S)
+    if not opened:
+        say(f"mavkf: nothing answers at {', '.join(_endpoints(config))} yet; nothing begins before the router is there")
+        _closers.append(opener)  # also where the wait is interrupted
+    while not opened:
+        opener.join(0.1)
+        if stopped():
+            raise KeyboardInterrupt
+    if isinstance(opened[0], zenoh.ZError):
+        raise opened[0]
+    return opened[0]
+
+
+def _endpoints(config: zenoh.Config) -> list[str]:
+    found = json.loads(config.get_json("connect/endpoints"))
+    return list(found.get("client") or []) if isinstance(found, dict) else list(found or [])
+
+
 @contextmanager
 def publishing_session(
-    *, listen: Sequence[str] = (), connect: Sequence[str] = (), config_file: Path | None = None
+    *,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    config_file: Path | None = None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[zenoh.Session]:
     """A session of `open_session` that publishes, closed at the end, within a moment.
 
     While another process holds the rendezvous, zenoh's close waits ten seconds for its own listen retry and then
     fails: it is left to a thread that the end of the process ends.
     """
-    session = open_session(publishes=True, listen=listen, connect=connect, config_file=config_file)
+    session = open_session(publishes=True, listen=listen, connect=connect, config_file=config_file, stopped=stopped)
     try:
         yield session
     finally:
@@ -121,7 +160,7 @@ _closers: list[threading.Thread] = []
 
 
 def is_closing() -> bool:
-    """Whether the close of a session of `publishing_session` has not come to its end."""
+    """Whether zenoh is still busy with the close of a session of `publishing_session`, or with an opening that was given up."""
     return any(closer.is_alive() for closer in _closers)
 
 

@@ -90,17 +90,18 @@ def _end(inbox: Inbox, session: zenoh.Session) -> None:
 
 
 class Subscription(Generic[R]):
-    """Iterates over the records of one kind as they come, for ever; a context manager. Made by `subscribe`."""
+    """Iterates over the records of some kinds as they come, for ever; a context manager. Made by `subscribe`."""
 
-    def __init__(self, session: zenoh.Session, vehicle: str, what: What, *, latest_only: bool) -> None:
+    def __init__(self, session: zenoh.Session, vehicle: str, what: Sequence[What], *, latest_only: bool) -> None:
         self._inbox = inbox = Inbox(latest_only=latest_only)  # callbacks hold the inbox, never this object
         self._last: dict[str, tuple[int, int]] = {}
         # Also when the reader drops this object, or the process ends: an open session would hang the interpreter.
         self._end = weakref.finalize(self, _end, inbox, session)
-        tail = "innovation/*" if what == "innovation" else what
+        tails = ["innovation/*" if each == "innovation" else each for each in what]
         # Called in the threads that read the links: an answer cannot overtake what was sent before it, and there are no
         # Python threads that the interpreter would wait for at its end.
-        session.declare_subscriber(f"mavkf/{vehicle}/{tail}", Callback(inbox.take, indirect=False))
+        for tail in tails:
+            session.declare_subscriber(f"mavkf/{vehicle}/{tail}", Callback(inbox.take, indirect=False))
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -111,7 +112,7 @@ class Subscription(Generic[R]):
             name = str(token.key_expr).split("/")[1]
             with inbox.changed:
                 (inbox.alive.add if token.kind == zenoh.SampleKind.PUT else inbox.alive.discard)(name)
-            if token.kind == zenoh.SampleKind.PUT:
+            for tail in tails if token.kind == zenoh.SampleKind.PUT else ():
                 session.get(f"mavkf/{name}/{tail}", Callback(hear, indirect=False))
 
         session.liveliness().declare_subscriber(f"mavkf/{vehicle}/alive", Callback(greet, indirect=False), history=True)
@@ -233,7 +234,7 @@ def subscribe(
 def subscribe(
     vehicle: str = "*",
     *,
-    what: What,
+    what: What | Sequence[What],
     connect: Sequence[str] = (),
     listen: Sequence[str] = (),
     config_file: Path | None = None,
@@ -242,7 +243,7 @@ def subscribe(
 def subscribe(
     vehicle: str = "*",
     *,
-    what: What = "pose",
+    what: What | Sequence[What] = "pose",
     connect: Sequence[str] = (),
     listen: Sequence[str] = (),
     config_file: Path | None = None,
@@ -252,7 +253,7 @@ def subscribe(
 
     Args:
         vehicle: `<sysid>-<compid>` or its name; "*" for all.
-        what: "pose", "pose/smoothed", "status", "event" or "innovation".
+        what: "pose", "pose/smoothed", "status", "event" or "innovation", or several of them.
         connect: zenoh endpoints to go to, such as "tcp/192.168.1.5:7447".
         listen: zenoh endpoints to be reached at.
         config_file: a zenoh configuration to use instead of the project's own.
@@ -265,8 +266,10 @@ def subscribe(
     """
     if vehicle != "*":
         check_name(vehicle)
-    check_choice("what", what, What)
+    kinds: Sequence[What] = (what,) if isinstance(what, str) else what
+    for kind in kinds:
+        check_choice("what", kind, What)
     if isinstance(connect, str) or isinstance(listen, str):
         raise UsageError('connect and listen are lists of endpoints, as in ["tcp/192.168.1.5:7447"]')
     session = open_session(publishes=False, connect=connect, listen=listen, config_file=config_file)
-    return Subscription(session, vehicle, what, latest_only=latest_only)
+    return Subscription(session, vehicle, kinds, latest_only=latest_only)

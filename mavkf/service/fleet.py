@@ -40,6 +40,8 @@ class Options:
     congestion:  what a slow reader costs: its records ("drop") or time ("block").
     quiet:       say only what went wrong.
     lag_s:       publish smoothed poses too, so many seconds behind; 0: none.
+    control:     whether others may act on the service over zenoh.
+    metrics:     host and port of metrics for Prometheus, None: none.
     """
 
     rate_hz: float = 50.0
@@ -51,6 +53,8 @@ class Options:
     congestion: Congestion = "drop"
     quiet: bool = False
     lag_s: float = 0.0
+    control: bool = False
+    metrics: tuple[str, int] | None = None
 
 
 class Vehicle:
@@ -100,6 +104,7 @@ class Fleet:
         self._others: set[Address] = set()  # by their heartbeats
         self._autopilots: set[Address] = set()
         self._next_session: dict[Address, int] = {}
+        self._configs: dict[Address, Config] = {}  # other than that of the options
         self._is_full = False
         self._session, self._options, self.warn, self._now = session, options, say, now
         self._say = (lambda _: None) if options.quiet else say
@@ -127,7 +132,7 @@ class Fleet:
         """See to the vehicles that have fallen silent; call it several times a second."""
         now = self._now()
         for address, vehicle in list(self.vehicles.items()):
-            silent = now - vehicle.heard_s
+            silent = self.silent_s(vehicle)
             if silent >= FORGET_S:
                 self._end(address, "forgotten", f"silent for {silent:.0f} s: should it return, it begins anew")
                 self._drop(address)
@@ -138,11 +143,16 @@ class Fleet:
             elif vehicle.publisher is not None and silent >= STALE_S and now - vehicle.stale_told_s >= 1.0:
                 self._tell_stale(vehicle, silent)
 
-    def reset(self, vehicle: Vehicle) -> None:
-        """End the session of a vehicle and begin another with nothing known."""
+    def reset(self, vehicle: Vehicle, config: Config) -> None:
+        """End the session of a vehicle and begin another with nothing known; config: of that and those after it."""
         address = next(address for address, one in self.vehicles.items() if one is vehicle)
+        self._configs[address] = config
         self._end(address, "reset", "the estimate was reset on request: everything begins anew")
         vehicle.stream = self._stream(address)
+
+    def silent_s(self, vehicle: Vehicle) -> float:
+        """How long nothing has come of a vehicle, s."""
+        return self._now() - vehicle.heard_s
 
     def finish(self) -> None:
         """Take it that nothing more will come, and publish what waited."""
@@ -192,8 +202,9 @@ class Fleet:
         options, name = self._options, f"{address[0]}-{address[1]}"
         first = self._next_session.get(address, 0)
         name = options.names.get(name, name)
+        config = self._configs.get(address, options.config)
         return VehicleStream(
-            name, options.config, options.rate_hz, options.imu, options.model, first_session=first, lag_s=options.lag_s
+            name, config, options.rate_hz, options.imu, options.model, first_session=first, lag_s=options.lag_s
         )
 
     def _publisher(self, vehicle: Vehicle) -> Publisher:

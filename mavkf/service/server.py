@@ -21,10 +21,12 @@ from mavkf.link.framing import FrameStream
 from mavkf.publish.publisher import Publisher
 from mavkf.replay.tlog import read_tlog
 from mavkf.service.belief import Belief
+from mavkf.service.control import Control
 from mavkf.service.duplicates import Duplicates
 from mavkf.service.endpoints import POLL_S, Link
 from mavkf.service.fleet import Fleet, Options
 from mavkf.service.inbox import Chunk, Inbox
+from mavkf.service.metrics import Metrics
 from mavkf.service.playback import Merged, due_times, merge
 from mavkf.service.recorder import Recorder
 from mavkf.service.talk import Manners, Talk
@@ -44,7 +46,7 @@ class Records:
 SLICE = 512  # frames of a log between two looks at whether to stop
 PATIENCE_S = 5.0
 LAST_CHUNKS_S = 0.3
-LATE_US = 500_000  # behind the arrivals: outputs are left out
+LATE_US, CAUGHT_UP_US = 2_000_000, 200_000  # behind the arrivals by so much outputs are left out, until it is so little
 TELL_LATE_S = 5.0
 
 
@@ -72,17 +74,25 @@ def serve_links(
             ends.callback(link.close)
         talks = [Talk(link, number, manners) for number, link in enumerate(links)]
         worker = Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say), talks, belief)
+        if options.metrics is not None:
+            counts = lambda: {link.name: stream.counts for link, stream in zip(links, worker.streams, strict=True)}  # noqa: E731
+            ends.callback(Metrics(options.metrics, fleet, inbox, counts, say).close)
         threads = []
         for number, link in enumerate(links):
             take = partial(inbox.put, number, patient=link.is_patient)
             threads.append(Thread(target=link.receive, args=(take,), name=link.name, daemon=True))
             threads[-1].start()
+        control = Control(session, fleet, say) if options.control else None
+        if control is not None:
+            ends.callback(control.close)
         begin = time.monotonic()
         told = False
         while not stopped():
+            if control is not None:
+                control.work()
             have_ended = all(link.has_ended for link in links)
             batch = inbox.get(POLL_S)
-            worker.take(batch, is_late=inbox.lag_us > LATE_US)
+            worker.take(batch, inbox.lag_us)
             worker.speak()
             fleet.look_after()
             if not batch:
@@ -179,9 +189,9 @@ class Worker:
         self._late_told_s = -np.inf
         fleet.when_ended = self._end_parts
 
-    def take(self, batch: Sequence[Chunk], *, is_late: bool = False) -> None:
-        """Take chunks in the order of arrival; is_late: more has arrived since than there is time for."""
-        self._fleet.is_late = is_late
+    def take(self, batch: Sequence[Chunk], lag_us: int = 0) -> None:
+        """Take chunks in the order of arrival; lag_us: how much had arrived after the first of them."""
+        is_late = self._fleet.is_late = lag_us > (CAUGHT_UP_US if self._fleet.is_late else LATE_US)
         if is_late and time.monotonic() - self._late_told_s > TELL_LATE_S:
             self._late_told_s = time.monotonic()
             self._fleet.warn(

@@ -58,7 +58,7 @@ class VehicleStream:
 
         first_session: the number of the first session, where there were others before; lag_s: s after which smoothed poses come, 0: none.
         """
-        self.span, self._first_session, self._lag = span, first_session, lag_s
+        self.span, self.first_session, self._lag = span, first_session, lag_s
         self.config, self.rate, self.imu, self.model = config, rate_hz, imu, model
         self.clock = VehicleClock(config.timeline.window_s)
         self.writer = RecordWriter(vehicle)
@@ -106,7 +106,7 @@ class VehicleStream:
         return self.estimator.smoothed(now) if self._lag > 0.0 and self.estimator is not None else None
 
     def _timed(self, rows: Array) -> Iterator[Step]:
-        rows[:, SESSION] += self._first_session
+        rows[:, SESSION] += self.first_session
         i = 0
         while i < rows.shape[0]:
             session = int(rows[i, SESSION])

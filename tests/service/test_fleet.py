@@ -188,7 +188,7 @@ def test_a_reset_is_an_event_and_a_new_session_that_replays_by_itself(
 ) -> None:
     frames = [record for record in flight if record[1][5 if record[1][0] == 0xFD else 3] == 1]
     bench.send(frames[:700])
-    bench.fleet.reset(bench.fleet.vehicles[1, 1])
+    bench.fleet.reset(bench.fleet.vehicles[1, 1], Config())
     assert bench.parts == 1
     bench.send(frames[700:])
     bench.fleet.finish()

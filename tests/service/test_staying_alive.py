@@ -97,6 +97,7 @@ def test_overload_costs_outputs_before_measurements(
     Publisher.opened = []
     monkeypatch.setattr(fleet_module, "Publisher", Publisher)
     monkeypatch.setattr(server, "LATE_US", 0)
+    monkeypatch.setattr(server, "CAUGHT_UP_US", 0)
     said: list[str] = []
     server.serve_links(
         [Flood(flight)],

@@ -25,6 +25,7 @@ class Fleet:
     """Takes the place of the vehicles."""
 
     given_up: frozenset[tuple[int, int]] = frozenset()
+    is_late = False
 
     def __init__(self) -> None:
         self.frames = 0
