@@ -37,6 +37,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     imu: str | None = None,
     model: str | None = None,
     config: Path | None = None,
+    print_config: bool = False,
     set: Annotated[tuple[str, ...], Repeated] = (),
     encoding: str = "json",
     control: bool = False,
@@ -77,7 +78,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
         vehicle_name: SYSID-COMPID=NAME, as in 1-1=alpha: call this vehicle so in keys and records; may be repeated.
         imu: IMU message to use, as in RAW_IMU; chosen from the first seconds if not given.
         model: strapdown, telemetry or constant-velocity; chosen from the first seconds if not given.
-        config: TOML file of settings.
+        config: TOML file of settings, and in its table [serve] of sources and of these options; the command line comes first.
+        print_config: Print such a file, with all that holds now and what it means, and end.
         set: key=value, one setting; may be repeated.
         encoding: json or msgpack.
         control: Of links: let others reset the estimate and change its settings, by queries on mavkf/VEHICLE/@ctl/reset and
@@ -88,11 +90,22 @@ def serve(  # noqa: D417 (the rest is described in _console)
         quiet: Say only what goes wrong.
 
     """
+    from mavkf.cli import make_app
+    from mavkf.cli._config_file import sources as config_sources
+    from mavkf.cli._config_file import written
     from mavkf.config import Config, read_config, with_settings
     from mavkf.publish.records import Encoding, check_choice
     from mavkf.publish.session import open_session, publishing_session
     from mavkf.service.endpoints import source
 
+    if config is not None:
+        of_file = config_sources(config)
+        sources = sources or of_file
+    if print_config:
+        given = dict(locals())
+        values = with_settings(read_config(config) if config else Config(), set)
+        print(written(make_app()["serve"].assemble_argument_collection(parse_docstring=True), given, values), end="")
+        return 0
     if not sources:
         raise UsageError(
             "serve needs a source: udpin:HOST:PORT, tcp:HOST:PORT or another (--help), or the path of a log"

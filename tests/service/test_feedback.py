@@ -18,7 +18,7 @@ Start = Callable[..., Serve]
 
 def heard(sock: socket.socket) -> list[Any]:
     """What has come to a socket."""
-    sock.settimeout(1.0)
+    sock.settimeout(0.3)
     parser, found = mavlink.MAVLink(None), []
     try:
         while True:
