@@ -316,6 +316,7 @@ def read_config(path: Path) -> Config:
         raise UsageError(f"{path}: cannot be read ({error.strerror}); give the path of a TOML file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"{path}: not TOML ({error})") from None
+    values.pop("serve", None)  # sources and options of a command, which reads them itself
     return _checked(values, str(path))
 
 

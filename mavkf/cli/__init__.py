@@ -69,11 +69,26 @@ def _run(words: list[str]) -> int:
     from cyclopts import CycloptsError
 
     app = make_app()
+    if words[0] == "serve":
+        _read_options(app, words)
     try:
         code = app(words, exit_on_error=False, print_error=False)
     except CycloptsError as error:
         return _fail(_sentence(error, app), 2)
     return code if isinstance(code, int) else 0
+
+
+def _read_options(app: "App", words: Sequence[str]) -> None:
+    """Take from the configuration file what the command line does not say."""
+    from mavkf.cli._config_file import named_file, serve_table
+
+    path = named_file(words)
+    table = serve_table(path) if path is not None else {}
+    table.pop("sources", None)  # the parser has no place for those; the command reads them
+    if table:
+        from cyclopts.config import Dict
+
+        app.config = (Dict({"serve": table}, source=str(path)),)
 
 
 def make_app() -> "App":
@@ -111,6 +126,8 @@ def _sentence(error: "CycloptsError", app: "App") -> str:
         known = app[error.command_chain[0]].assemble_argument_collection()
         options = [*sorted(argument.name for argument in known if argument.name.startswith("--")), "--help"]
         wrong = error.token.keyword or error.token.value
+        if error.token.source != "cli":
+            wrong += f" in {error.token.source}"
         return f"{command} has no option {wrong}{_nearest(wrong, options)}: {', '.join(options)}"
     if isinstance(error, UnusedCliTokensError):
         return f"{command} does not take {' '.join(error.unused_tokens or ())!r}; see {command} --help"

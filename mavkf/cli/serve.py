@@ -1,22 +1,21 @@
 """`mavkf serve`: live telemetry or logs in, fused poses over zenoh out."""
 
 import math
-import os
-import signal
-import socket
-import threading
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from types import FrameType
-from typing import Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from cyclopts import Parameter
 
 from mavkf.cli._console import Connect, Listen, ZenohConfig, compile_first, say
+from mavkf.cli._signals import Signals
 from mavkf.errors import UsageError
 
+if TYPE_CHECKING:
+    from mavkf.service.endpoints import Link
+
 LONGEST_LAG_S = 60.0
-PATIENCE_S = 0.8  # after a signal, before the process is ended by force
 Repeated = Parameter(show_default=False)
 
 
@@ -40,10 +39,12 @@ def serve(  # noqa: D417 (the rest is described in _console)
     imu: str | None = None,
     model: str | None = None,
     config: Path | None = None,
+    print_config: bool = False,
     set: Annotated[tuple[str, ...], Repeated] = (),
     encoding: str = "json",
     control: bool = False,
     metrics: str | None = None,
+    mavlink_out: str | None = None,
     connect: Connect = (),
     listen: Listen = (),
     zenoh_config: ZenohConfig = None,
@@ -80,20 +81,34 @@ def serve(  # noqa: D417 (the rest is described in _console)
         vehicle_name: SYSID-COMPID=NAME, as in 1-1=alpha: call this vehicle so in keys and records; may be repeated.
         imu: IMU message to use, as in RAW_IMU; chosen from the first seconds if not given.
         model: strapdown, telemetry or constant-velocity; chosen from the first seconds if not given.
-        config: TOML file of settings.
+        config: TOML file of settings, and in its table [serve] of sources and of these options; the command line comes first.
+        print_config: Print such a file, with all that holds now and what it means, and end.
         set: key=value, one setting; may be repeated.
         encoding: json or msgpack.
         control: Of links: let others reset the estimate and change its settings, by queries on mavkf/VEHICLE/@ctl/reset and
             .../config.
         metrics: Of links: PORT, or HOST:PORT, at which Prometheus finds metrics; a port alone is reached from this machine only.
+        mavlink_out: Of links: send the poses as ODOMETRY to the vehicle (vehicle) or to an endpoint, as in udpout:127.0.0.1:14560.
+            They rest on the vehicle's own GNSS: an autopilot that fuses that as well counts it twice.
         quiet: Say only what goes wrong.
 
     """
+    from mavkf.cli import make_app
+    from mavkf.cli._config_file import sources as config_sources
+    from mavkf.cli._config_file import written
     from mavkf.config import Config, read_config, with_settings
     from mavkf.publish.records import Encoding, check_choice
     from mavkf.publish.session import open_session, publishing_session
     from mavkf.service.endpoints import source
 
+    if config is not None:
+        of_file = config_sources(config)
+        sources = sources or of_file
+    if print_config:
+        given = dict(locals())
+        values = with_settings(read_config(config) if config else Config(), set)
+        print(written(make_app()["serve"].assemble_argument_collection(parse_docstring=True), given, values), end="")
+        return 0
     if not sources:
         raise UsageError(
             "serve needs a source: udpin:HOST:PORT, tcp:HOST:PORT or another (--help), or the path of a log"
@@ -119,8 +134,8 @@ def serve(  # noqa: D417 (the rest is described in _console)
     links = [one for one in opened if not isinstance(one, Path)]
     if logs and links:
         raise UsageError(f"{logs[0]} is a log and {links[0].name} is live: serve them by two commands")
-    if logs and (control or metrics is not None):
-        raise UsageError("--control and --metrics are for live telemetry")
+    if logs and (control or metrics is not None or mavlink_out is not None):
+        raise UsageError("--control, --metrics and --mavlink-out are for live telemetry")
     if links and wait_subscriber is not None:
         raise UsageError("--wait-subscriber is for logs: live telemetry waits for nobody")
     if links and speed != 1.0:
@@ -133,6 +148,9 @@ def serve(  # noqa: D417 (the rest is described in _console)
     _check_talk(link_share, source_system, source_component)
     if request is False and any(link.speaks_first for link in links):
         raise UsageError("--no-request sends nothing, and what answers a udpout: is silent until then: use udpin:")
+    feedback = _feedback(mavlink_out, _whisper if quiet else say)
+    if request is False and feedback == "vehicle":
+        raise UsageError("--no-request sends nothing to the vehicle: leave it out, or give --mavlink-out an endpoint")
     if allow_unsigned and signing_key is None:
         raise UsageError("--allow-unsigned is about --signing-key: without a key signatures are not looked at")
 
@@ -165,7 +183,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
     )
     recordings = Records(record, record_mb * 1e6, record_hours * 3600.0) if record is not None else None
     with (
-        _Signals(may_block=wait_subscriber is not None) as signals,
+        Signals(may_block=wait_subscriber is not None) as signals,
         publishing_session(
             listen=listen, connect=connect, config_file=zenoh_config, stopped=signals.stopped
         ) as session,
@@ -187,6 +205,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
                     say=_whisper if quiet else say,
                 ),
                 record=recordings,
+                feedback=feedback,
             )
         else:
             poses = serve_logs(
@@ -211,6 +230,18 @@ def serve(  # noqa: D417 (the rest is described in _console)
 
 def _whisper(text: str) -> None:
     """Say nothing."""
+
+
+def _feedback(text: str | None, tell: Callable[[str], None]) -> "Link | Literal['vehicle'] | None":
+    """Where `--mavlink-out` sends to."""
+    from mavkf.service.endpoints import Link, source
+
+    if text is None or text == "vehicle":
+        return "vehicle" if text else None
+    to = source(text, tell)
+    if not isinstance(to, Link):
+        raise UsageError(f"--mavlink-out {text}: give an endpoint, as in udpout:127.0.0.1:14560, or vehicle")
+    return to
 
 
 def _systems(allow: tuple[str, ...]) -> frozenset[int] | None:
@@ -243,52 +274,3 @@ def _names(assignments: tuple[str, ...]) -> dict[str, str]:
             raise UsageError(f"--vehicle-name {assignment}: two vehicles cannot have one name")
         names[match[1]] = check_name(match[2])
     return names
-
-
-class _Signals:
-    """Notes SIGINT and SIGTERM instead of dying of them in the middle of a record.
-
-    A flag that is looked at, not an event that is waited for: a handler may run while this very thread holds the event's
-    lock. Where a reader that does not read holds this thread inside zenoh (`may_block`) no handler runs at all; then a
-    thread that hears the signal by a socket ends the process.
-    """
-
-    def __init__(self, *, may_block: bool) -> None:
-        self._may_block = may_block
-        self.received: int | None = None
-        self._ear, self._mouth = socket.socketpair()
-        self._mouth.setblocking(False)
-
-    def stopped(self) -> bool:
-        return self.received is not None
-
-    def exit_code(self) -> int:
-        return 130 if self.received == signal.SIGINT else 0
-
-    def _note(self, number: int, _: FrameType | None) -> None:
-        self.received = number
-
-    def _watch(self) -> None:
-        heard = self._ear.recv(1)
-        if heard and heard[0] in self._before:
-            self.received = heard[0]
-            if self._may_block and not self._left.wait(PATIENCE_S):
-                say("a subscriber that does not read holds up the end; left without it")
-                os._exit(self.exit_code())
-
-    def __enter__(self) -> "_Signals":
-        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
-        signal.set_wakeup_fd(self._mouth.fileno(), warn_on_full_buffer=False)
-        self._left = threading.Event()
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
-        self._watcher.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        signal.set_wakeup_fd(-1)
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self._left.set()
-        self._mouth.close()  # the watcher hears the end
-        self._watcher.join()
-        self._ear.close()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mavkf.config import Config
 from mavkf.errors import MavkfError
-from mavkf.estimate import Event, Status
+from mavkf.estimate import Event, Record, Status
 from mavkf.link.decode import Address, DecodeCounts, decode
 from mavkf.publish.publisher import Congestion, Publisher
 from mavkf.publish.records import Encoding
@@ -98,6 +98,8 @@ class Fleet:
         """Records that were not published because of that: "pose", "innovation"."""
         self.when_ended: Callable[[], None] = lambda: None
         """Called when a session was ended by the service itself: what comes now should be recorded apart."""
+        self.when_published: Callable[[Address, Record], None] = lambda _, __: None
+        """Called with every record that was published."""
         self.poses = 0
         """Poses published so far."""
         self._ignored: set[Address] = set()
@@ -236,7 +238,7 @@ class Fleet:
         vehicle = self._vehicle(address)
         try:
             for step in work(vehicle.stream):
-                self._publish(vehicle, step)
+                self._publish(address, vehicle, step)
         except MavkfError as error:  # a forced choice that this vehicle cannot serve; the others go on
             self.errors.append(error)
             self.given_up.add(address)
@@ -244,7 +246,7 @@ class Fleet:
             self._ignored.add(address)
             self._drop(address)
 
-    def _publish(self, vehicle: Vehicle, step: Step) -> None:
+    def _publish(self, address: Address, vehicle: Vehicle, step: Step) -> None:
         publisher = self._publisher(vehicle)
         self._tell_setup(vehicle, step)
         poses = step.output.poses.shape[0]
@@ -256,6 +258,7 @@ class Fleet:
         vehicle.poses += poses
         for record in vehicle.stream.records(step, is_late=self.is_late):
             publisher.publish(record)
+            self.when_published(address, record)
             if isinstance(record, Event):
                 self._say(f"vehicle {vehicle.name}: {record.text}")
             elif isinstance(record, Status):
@@ -277,7 +280,9 @@ class Fleet:
         self._run(address, VehicleStream.finish)
         if address in self.vehicles:
             self._next_session[address] = vehicle.stream.session + 1
-            self._publisher(vehicle).publish(vehicle.stream.event(kind, text))
+            event = vehicle.stream.event(kind, text)
+            self._publisher(vehicle).publish(event)
+            self.when_published(address, event)
             self._say(f"vehicle {vehicle.name}: {text}")
         self.when_ended()
 

@@ -6,12 +6,13 @@ bit (`utc_ns` aside), what `replay --as-live` computes from the recording that w
 """
 
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Thread
+from typing import Literal
 
 import numpy as np
 import zenoh
@@ -22,14 +23,15 @@ from mavkf.publish.publisher import Publisher
 from mavkf.replay.tlog import read_tlog
 from mavkf.service.belief import Belief
 from mavkf.service.control import Control
-from mavkf.service.duplicates import Duplicates
 from mavkf.service.endpoints import POLL_S, Link
+from mavkf.service.feedback import Feedback
 from mavkf.service.fleet import Fleet, Options
-from mavkf.service.inbox import Chunk, Inbox
+from mavkf.service.inbox import Inbox
 from mavkf.service.metrics import Metrics
 from mavkf.service.playback import Merged, due_times, merge
 from mavkf.service.recorder import Recorder
 from mavkf.service.talk import Manners, Talk
+from mavkf.service.worker import Worker
 
 Say = Callable[[str], None]
 
@@ -46,8 +48,6 @@ class Records:
 SLICE = 512  # frames of a log between two looks at whether to stop
 PATIENCE_S = 5.0
 LAST_CHUNKS_S = 0.3
-LATE_US, CAUGHT_UP_US = 2_000_000, 200_000  # behind the arrivals by so much outputs are left out, until it is so little
-TELL_LATE_S = 5.0
 
 
 def serve_links(
@@ -60,23 +60,30 @@ def serve_links(
     belief: Belief,
     manners: Manners,
     record: Records | None = None,
+    feedback: Link | Literal["vehicle"] | None = None,
 ) -> int:
     """Serve live links until `stopped` says so or all have ended; return how many poses were published.
 
     stopped: asked several times a second, and between pieces of work. record: where and how to record.
-    belief: which frames are believed; manners: how the links are talked to. Raises EndpointError, InputError.
+    belief: which frames are believed; manners: how the links are talked to. feedback: where the poses are sent back to as
+    ODOMETRY, None: nowhere. Raises EndpointError, InputError.
     """
     with ExitStack() as ends:
         fleet = _fleet(ends, session, options, say)
         inbox = Inbox(say)
+        streams = [FrameStream() for _ in links]
+        if options.metrics is not None:
+            counts = lambda: {link.name: stream.counts for link, stream in zip(links, streams, strict=True)}  # noqa: E731
+            ends.callback(Metrics(options.metrics, fleet, inbox, counts, say).close)
         for link in links:  # all ports first, so that nothing runs, nor is a recording begun, if one cannot be had
             link.open()
             ends.callback(link.close)
         talks = [Talk(link, number, manners) for number, link in enumerate(links)]
-        worker = Worker(fleet, links, _recorders(ends, record, [link.name for link in links], say), talks, belief)
-        if options.metrics is not None:
-            counts = lambda: {link.name: stream.counts for link, stream in zip(links, worker.streams, strict=True)}  # noqa: E731
-            ends.callback(Metrics(options.metrics, fleet, inbox, counts, say).close)
+        worker = Worker(
+            fleet, links, _recorders(ends, record, [link.name for link in links], say), talks, belief, streams
+        )
+        if feedback is not None:
+            ends.enter_context(_feeding(feedback, talks, manners, fleet))
         threads = []
         for number, link in enumerate(links):
             take = partial(inbox.put, number, patient=link.is_patient)
@@ -157,6 +164,26 @@ def serve_logs(
         return fleet.poses
 
 
+@contextmanager
+def _feeding(to: Link | Literal["vehicle"], talks: Sequence[Talk], manners: Manners, fleet: Fleet) -> Iterator[None]:
+    """Send the poses back while this lasts."""
+    if to == "vehicle":
+        fleet.when_published = Feedback(talks, True, manners.say).take
+        yield
+        return
+    to.open()
+    reader = Thread(
+        target=to.receive, args=(lambda _, __: None,), name=to.name, daemon=True
+    )  # what it says is not heard
+    reader.start()
+    fleet.when_published = Feedback([Talk(to, len(talks), manners)], False, manners.say).take
+    try:
+        yield
+    finally:
+        to.close()
+        reader.join(2 * POLL_S)
+
+
 def _fleet(ends: ExitStack, session: zenoh.Session, options: Options, say: Say) -> Fleet:
     fleet = Fleet(session, options, say)
     ends.callback(fleet.close)
@@ -170,86 +197,6 @@ def _recorders(ends: ExitStack, record: Records | None, names: Sequence[str], sa
         recorders.append(Recorder(record.folder, name, say, record.part_bytes, record.part_s))
         ends.callback(recorders[-1].close)
     return recorders
-
-
-class Worker:
-    """From chunks to the fleet: frames of each link, recorded, then handed on together in the order of arrival."""
-
-    def __init__(
-        self,
-        fleet: Fleet,
-        links: Sequence[Link],
-        recorders: Sequence[Recorder],
-        talks: Sequence[Talk],
-        belief: Belief,
-    ) -> None:
-        self._fleet, self._links, self._recorders, self._talks, self._belief = fleet, links, recorders, talks, belief
-        self.duplicates = Duplicates()
-        self.streams = [FrameStream() for _ in links]
-        self._late_told_s = -np.inf
-        fleet.when_ended = self._end_parts
-
-    def take(self, batch: Sequence[Chunk], lag_us: int = 0) -> None:
-        """Take chunks in the order of arrival; lag_us: how much had arrived after the first of them."""
-        is_late = self._fleet.is_late = lag_us > (CAUGHT_UP_US if self._fleet.is_late else LATE_US)
-        if is_late and time.monotonic() - self._late_told_s > TELL_LATE_S:
-            self._late_told_s = time.monotonic()
-            self._fleet.warn(
-                "too slow for what arrives: innovations and all poses but the newest are not published, until it has caught up"
-            )
-        pieces, found, base = [], [], 0
-        for chunk in batch:
-            data, frames = self.streams[chunk.link].push(chunk.data, chunk.arrival_us, last=chunk.last)
-            if chunk.last and not chunk.data:
-                self._talks[chunk.link].cut()
-            frames = self._belief.signed(data, frames)
-            if not len(frames):
-                continue
-            if self._recorders:
-                self._recorders[chunk.link].write(data, frames)
-            frames = self._belief.allowed(frames)
-            self._talks[chunk.link].hear(data, frames, time.monotonic())
-            if len(self._links) > 1:
-                frames = self.duplicates.dropped(data, frames, chunk.link)
-            frames["offset"] += base
-            base += data.size
-            pieces.append(data)
-            found.append(frames)
-        if found:
-            self._fleet.take(np.concatenate(pieces), np.concatenate(found))
-
-    def speak(self) -> None:
-        """Send over each link what there is to say."""
-        for talk in self._talks:
-            talk.speak(time.monotonic(), self._fleet.given_up)
-
-    def _end_parts(self) -> None:
-        for recorder in self._recorders:
-            recorder.end_part()
-
-    def flush(self) -> None:
-        """Hand what is recorded to the operating system."""
-        for recorder in self._recorders:
-            recorder.flush()
-
-    def report(self, say: Say) -> None:
-        """Say what of each link was damaged."""
-        for link, stream in zip(self._links, self.streams, strict=True):
-            counts = stream.counts
-            if counts.bad_crc or counts.stray_bytes or counts.truncated:
-                say(
-                    f"{link.name}: beside {counts.frames} frames {counts.bad_crc} with a bad CRC, "
-                    f"{counts.truncated} unfinished, {counts.stray_bytes} stray bytes"
-                )
-            if link.unsent:
-                say(f"{link.name}: {link.unsent} messages could not be sent")
-        for text in (*self._belief.report(), *self.duplicates.report()):
-            say(text)
-        left_out = self._fleet.unpublished
-        if left_out:
-            say(
-                f"{left_out['pose']} poses and {left_out['innovation']} innovations were not published: there was no time"
-            )
 
 
 def _wait(publisher: Publisher, patience_s: float, say: Say, stopped: Callable[[], bool]) -> None:

@@ -192,6 +192,11 @@ class Talk:
             for message in talk.leave():
                 self._send(message, address[0], self._versions[address])
 
+    def tell(self, message: Message, address: Address) -> None:
+        """Send a message of MAVLink 2 that is about a vehicle."""
+        if self._link.is_local is not None:
+            self._send(message, address[0], 2)
+
     def _send(self, message: Message, system: int, version: int) -> None:
         """Send as a component of a system, in the version of MAVLink that the vehicle speaks."""
         system = self._manners.system or system

@@ -28,8 +28,8 @@ def scrape(url: str) -> dict[tuple[str, ...], float]:
 
 def test_metrics_say_what_was_published_and_heard(serve: Callable[..., Serve], reader: Reader, flight: Frames) -> None:
     process = serve("udpin:127.0.0.1:0", "--no-request", "--metrics", "0")
-    port = int(process.line("listens on").rsplit(":", 1)[1])
     url = process.line("metrics at").split()[-1]
+    port = int(process.line("listens on").rsplit(":", 1)[1])
     assert "127.0.0.1" in url
     reader.wait_for_publisher()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:

@@ -18,7 +18,7 @@ from mavkf.publish.records import encode, key_of
 from mavkf.replay.tlog import read_tlog
 from mavkf.service import fleet as fleet_module
 from mavkf.service import recorder as recorder_module
-from mavkf.service import server
+from mavkf.service import server, worker
 from mavkf.service.belief import Belief
 from mavkf.service.endpoints.link import Link, Take
 from mavkf.service.fleet import Options
@@ -96,8 +96,8 @@ def test_overload_costs_outputs_before_measurements(
     """All is recorded and estimated; what is published is right, and what is not is said."""
     Publisher.opened = []
     monkeypatch.setattr(fleet_module, "Publisher", Publisher)
-    monkeypatch.setattr(server, "LATE_US", 0)
-    monkeypatch.setattr(server, "CAUGHT_UP_US", 0)
+    monkeypatch.setattr(worker, "LATE_US", 0)
+    monkeypatch.setattr(worker, "CAUGHT_UP_US", 0)
     said: list[str] = []
     server.serve_links(
         [Flood(flight)],

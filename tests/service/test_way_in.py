@@ -9,13 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from mavkf.link.framing import FrameStream
 from mavkf.service import duplicates as duplicates_module
 from mavkf.service.belief import Belief
 from mavkf.service.endpoints import Link
 from mavkf.service.inbox import Chunk
-from mavkf.service.server import Worker
 from mavkf.service.signing import Signing
 from mavkf.service.talk import MOST_TALKS, Manners, Talk
+from mavkf.service.worker import Worker
 
 from .conftest import BEGIN_US, Frames
 from .test_conversation import Wire
@@ -43,7 +44,7 @@ class WayIn:
         self.wires: list[Link] = [Wire(), Wire(local=False, baud=57600), Wire(local=None)]
         self.talks = [Talk(wire, number, manners) for number, wire in enumerate(self.wires)]
         self.fleet = Fleet()
-        self.worker = Worker(self.fleet, self.wires, [], self.talks, belief)  # type: ignore[arg-type]
+        self.worker = Worker(self.fleet, self.wires, [], self.talks, belief, [FrameStream() for _ in self.wires])  # type: ignore[arg-type]
         self.now_us = BEGIN_US
 
     def take(self, chunks: list[tuple[int, bytes, bool]]) -> None:
