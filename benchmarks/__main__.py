@@ -1,9 +1,9 @@
-"""`python -m benchmarks NAME`: accuracy, forms, integrity, reading. Tables on stdout; `--json FILE` writes the numbers too."""
+"""`python -m benchmarks NAME`: accuracy, forms, integrity, speed. Tables on stdout; `--json FILE` writes the numbers too."""
 
 import importlib
 import sys
 
-NAMES = ("accuracy", "forms", "integrity", "reading")
+NAMES = ("accuracy", "forms", "integrity", "speed")
 
 
 def main() -> int:
