@@ -1,9 +1,9 @@
 """Figures: a quantity measured in turns with what it is compared with, its median and spread, and the ratio of the two."""
 
+import ctypes
 import os
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -96,16 +96,26 @@ def in_turns(works: Mapping[str, Callable[[], float]], runs: int, warm: bool = T
 
 @contextmanager
 def hushed() -> Iterator[None]:
-    """Let nothing reach stderr, not even what a library in C writes there."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with tempfile.TemporaryFile() as nowhere:
-        os.dup2(nowhere.fileno(), 2)
+    """Let nothing reach stdout or stderr, not even what a library in C writes there."""
+    library = ctypes.CDLL(None)
+
+    def flush() -> None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        library.fflush(None)
+
+    flush()
+    kept = os.dup(1), os.dup(2)
+    with Path(os.devnull).open("wb") as nowhere:
+        for stream in (1, 2):
+            os.dup2(nowhere.fileno(), stream)
         try:
             yield
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            flush()
+            for stream, old in zip((1, 2), kept, strict=True):
+                os.dup2(old, stream)
+                os.close(old)
 
 
 def say(text: str) -> None:

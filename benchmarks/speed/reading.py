@@ -51,16 +51,27 @@ def _read(settings: Settings, size: int) -> list[Figure]:
     read, unit = took["read"], "MB/s"
     figures = [
         figure("mavkf `read_tlog`", unit, read, "pymavlink `recv_match`", took["pymavlink"], on),
-        figure("mavkf `read_tlog`", unit, read, "`numpy.fromfile`", took["bytes"], "of the same bytes, which gives no fields"),
+        figure(
+            "mavkf `read_tlog`",
+            unit,
+            read,
+            "`numpy.fromfile`",
+            took["bytes"],
+            "of the same bytes, which gives no fields",
+        ),
     ]
     if fast is None:
         figures.append(missing("fasttlogparser", "not installed: `pip install --no-build-isolation fasttlogparser`"))
     else:
-        figures.insert(1, figure("mavkf `read_tlog`", unit, read, "fasttlogparser", took["fast"], "of the same messages"))
+        figures.insert(
+            1, figure("mavkf `read_tlog`", unit, read, "fasttlogparser", took["fast"], "of the same messages")
+        )
         figures.append(alone("fasttlogparser", unit, took["fast"]))
     return [
         *figures,
-        figure("mavkf `scan_records` alone", unit, took["scan"], "mavkf `read_tlog`", read, "frames found, CRC checked"),
+        figure(
+            "mavkf `scan_records` alone", unit, took["scan"], "mavkf `read_tlog`", read, "frames found, CRC checked"
+        ),
         alone("pymavlink `recv_match`", unit, took["pymavlink"]),
         alone("`numpy.fromfile`", unit, took["bytes"], "bound by the memory"),
     ]
