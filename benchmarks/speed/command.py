@@ -75,9 +75,13 @@ def _growth(settings: Settings, folder: Path) -> list[Figure]:
             once_s, once_mb = took, memory
         real_time = duration / sorted(took)[len(took) // 2]
         name, reference = f"a simulated flight of {duration:.0f} s", f"that of {FLIGHT_S:.0f} s"
-        figures += [
-            figure(name, "s", took, reference, once_s, f"{real_time:.0f} times real time, start-up and CSV included"),
-            figure("its anonymous memory, at most", "MB", memory, reference, once_mb),
-        ]
+        note = f"{real_time:.0f} times real time, start-up and CSV included"
+        if times == 1:
+            figures += [alone(name, "s", took, note), alone("its anonymous memory, at most", "MB", memory)]
+        else:
+            figures += [
+                figure(name, "s", took, reference, once_s, note),
+                figure("its anonymous memory, at most", "MB", memory, reference, once_mb),
+            ]
         log.unlink()
     return figures

@@ -27,7 +27,7 @@ PER_SAMPLE = "us an IMU sample"
 
 
 class Flight(msgspec.Struct):
-    """Rows (n, ROW_WIDTH) of the first vehicle in the order of arrival, on its boot clock, and how many samples of the IMU are among them."""
+    """Rows (n, ROW_WIDTH) of the first vehicle, in order of arrival, with boot times; and how many samples of the IMU are among them."""
 
     rows: Array
     samples: int
@@ -41,7 +41,7 @@ def read(settings: Settings) -> Flight:
 
 
 def fold(flight: Flight, *, model: str | None = None, config: Config | None = None) -> Callable[[], float]:
-    """Give what folds the flight once in the order of measurement: microseconds an IMU sample, events made before the clock runs."""
+    """Give what folds the flight in the order of measurement: microseconds an IMU sample, events made before the clock runs."""
     config = config or Config()
 
     def once() -> float:

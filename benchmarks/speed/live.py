@@ -27,6 +27,7 @@ RATES = (5_000, 10_000, 15_000, 20_000, 30_000, 40_000, 60_000, 80_000)  # messa
 SUSTAINED_S = 3.0
 BACKLOG_S = 0.1  # that the last pose may come after the last datagram
 RUNS = 3
+STAMPED = ("--set", "vehicle.imu_delay_s=0")  # so that a pose has the time of the sample that made it
 
 
 class Service:
@@ -36,7 +37,7 @@ class Service:
         self.port = free_port(socket.SOCK_DGRAM)
         self._out = folder / "arrivals"
         self.serve = subprocess.Popen(
-            [*MAVKF, "serve", f"udpin:127.0.0.1:{self.port}", *words], stderr=subprocess.PIPE, text=True
+            [*MAVKF, "serve", f"udpin:127.0.0.1:{self.port}", *STAMPED, *words], stderr=subprocess.PIPE, text=True
         )
         assert self.serve.stderr is not None
         for line in self.serve.stderr:
@@ -151,7 +152,7 @@ def _latency(name: str, datagrams: Sequence[Datagram], settings: Settings, *word
 
 def _echo(stop: threading.Event, echoes: dict[int, int]) -> None:
     """Publish a payload of a pose's size a hundred times a second, from here; when each number went."""
-    with open_session(publishes=True) as session:
+    with open_session(publishes=False) as session:
         publisher = session.declare_publisher(ECHO)
         time.sleep(QUIET_S)
         number = 0
