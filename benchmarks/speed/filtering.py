@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.speed import inslib, pieces
 from benchmarks.speed.measure import Figure, Settings, alone, figure, in_turns, missing, seconds
 from mavkf.config import Config, with_settings
+from mavkf.models.strapdown import N
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS
@@ -148,8 +150,8 @@ def _pieces(settings: Settings, main: list[float]) -> list[Figure]:
             "state": pieces.state_us,
             "covariance": pieces.covariance_us,
             "dense covariance": pieces.dense_covariance_us,
-            **{f"update {m}": lambda m=m: pieces.update_us(m) for m in (1, 3)},
-            **{f"dense update {m}": lambda m=m: pieces.dense_update_us(m) for m in (1, 3)},
+            **{f"update {m}": partial(pieces.update_us, m) for m in (1, 3)},
+            **{f"dense update {m}": partial(pieces.dense_update_us, m) for m in (1, 3)},
         },
         len(main),
     )
@@ -161,7 +163,7 @@ def _pieces(settings: Settings, main: list[float]) -> list[Figure]:
             took["covariance"],
             "dense numpy",
             took["dense covariance"],
-            f"{pieces.N} error states, every 20 ms and at each update",
+            f"{N} error states, every 20 ms and at each update",
         ),
         *(
             figure(

@@ -119,12 +119,16 @@ def split_at(datagrams: Sequence[Datagram]) -> int:
 
 def _latency(name: str, datagrams: Sequence[Datagram], settings: Settings, *words: str) -> list[Figure]:
     """Median and p99 from datagram to callback, against zenoh's own, ms."""
-    medians, tails, own_medians, own_tails = [], [], [], []
+    medians: list[float] = []
+    tails: list[float] = []
+    own_medians: list[float] = []
+    own_tails: list[float] = []
     first = split_at(datagrams)
     for _ in range(settings.runs(RUNS)):
         with service(*words) as one:
             send(one.port, datagrams[:first], 4.0)
-            stop, echoes = threading.Event(), {}
+            stop = threading.Event()
+            echoes: dict[int, int] = {}
             echo = threading.Thread(target=_echo, args=(stop, echoes))
             echo.start()
             sent = send(one.port, datagrams[first:])

@@ -14,15 +14,14 @@ import time
 def main() -> None:
     """Print seconds as JSON: start-up, load of machine code, reading, fold, writing and the summary."""
     begun = float(os.environ["BEGUN"])
-    import mavkf.cli.replay
-    from mavkf.cli import main as mavkf
+    from mavkf.cli import main as command
 
     started = time.monotonic()
     walls, times = [], {}
     for _ in range(2):
         begin = time.monotonic()
         with contextlib.redirect_stdout(io.StringIO()) as said:
-            mavkf(["replay", sys.argv[1], "--csv", sys.argv[2], "--json"])
+            command(["replay", sys.argv[1], "--csv", sys.argv[2], "--json"])
         walls.append(time.monotonic() - begin)
         times = json.loads(said.getvalue())["time"]
     print(
