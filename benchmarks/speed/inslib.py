@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from benchmarks.speed.measure import hushed, seconds
 from mavkf import samples as s
-from mavkf.samples import Kind
+from mavkf.samples import Kind, Source
 
 OPEN = {
     "auto_init": True,
@@ -42,6 +42,7 @@ def calls(rows: NDArray[np.float64], source: int, delay_s: float) -> list[Call]:
     waiting: list[Call] = []
     last_us: int | None = None
     field = None
+    fixed = np.nan
     located = False
     for row in rows:
         us = round(row[s.TIME] * 1e6)
@@ -52,12 +53,13 @@ def calls(rows: NDArray[np.float64], source: int, delay_s: float) -> list[Call]:
                 result += [_aged(name, given, us) for name, given in waiting]
                 result.append(("update", ()))
                 last_us, waiting = us, []
-        elif row[s.KIND] == Kind.BAROMETER:
+        elif row[s.SOURCE] == Source.SCALED_PRESSURE:
             waiting.append(("baro", (row[s.PRESSURE].item(),)))
         elif row[s.KIND] == Kind.MAGNETOMETER and row[s.SOURCE] == source and _three(row, s.FIELD) != field:
             field = _three(row, s.FIELD)
             waiting.append(("mag", (tuple(1e6 * value for value in field), (0.0, 0.0, 0.0))))
-        elif row[s.KIND] == Kind.GNSS and row[s.FIX] >= 3:
+        elif row[s.SOURCE] == Source.GPS_RAW_INT and row[s.FIX] >= 3 and row[s.STAMP] != fixed:  # not a repeated one
+            fixed = row[s.STAMP]
             place = (row[s.LATITUDE].item(), row[s.LONGITUDE].item(), row[s.HEIGHT_AMSL].item())
             if not located:
                 waiting.append(("set_magnetic_model", (*place[:2], YEAR)))
