@@ -3,9 +3,13 @@
 import socket
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from mavkf.link.framing import scan_records
+from mavkf.replay.tlog import map_log
 
 BOOT_US = 1_000_000
 BEGIN_US = 1_760_000_000_000_000
@@ -45,6 +49,17 @@ def vehicles(count: int, duration_s: float, imu_hz: int) -> list[Datagram]:
                 result.append(Datagram(us + phase, vehicle if message is imu else 0, message.pack(sender)))
                 sender.seq = (sender.seq + 1) % 256
     return sorted(result, key=lambda one: one.us)
+
+
+def recorded(log: Path) -> list[Datagram]:
+    """The frames of a log, each a datagram at its stamp; none counts as an IMU sample."""
+    data = map_log(log)
+    frames, _ = scan_records(data)
+    begins = frames["offset"] - np.where(frames["version"] == 2, 10, 6)
+    return [
+        Datagram(us, 0, data[begin : begin + size].tobytes())
+        for us, begin, size in zip(frames["stamp"].tolist(), begins.tolist(), frames["size"].tolist(), strict=True)
+    ]
 
 
 def send(port: int, datagrams: Sequence[Datagram], pace: float = 1.0) -> dict[tuple[int, int], int]:
