@@ -1,0 +1,100 @@
+"""Reading: a tlog to arrays of IMU, GNSS and pressure.
+
+mavkf finds and checks every frame, repairs the stamps, and gives sample rows in SI; fasttlogparser gives arrays of fields, pymavlink
+message objects, `numpy.fromfile` the bytes alone.
+"""
+
+import os
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from benchmarks.speed.measure import Figure, Settings, alone, figure, in_turns, missing, seconds
+from mavkf.link.framing import scan_records
+from mavkf.replay.tlog import map_log, read_tlog
+
+TYPES = ["RAW_IMU", "GPS_RAW_INT", "SCALED_PRESSURE"]
+SIZE = 100_000_000  # bytes
+PARSED = 20_000_000  # bytes that pymavlink reads of it: its time grows with them
+RUNS = 5
+
+
+def run(settings: Settings) -> list[Figure]:
+    """Read a log that is repeated to so many bytes."""
+    figures = _read(settings, settings.log.stat().st_size if settings.quick else SIZE)
+    return figures + (_read(settings, 5 * SIZE) if settings.full else [])
+
+
+def _read(settings: Settings, size: int) -> list[Figure]:
+    flight = settings.log.read_bytes()
+    times = max(1, round(size / len(flight)))
+    fast = fasttlogparser()
+    with tempfile.TemporaryDirectory() as folder:
+        whole, part = Path(folder) / "whole.tlog", Path(folder) / "part.tlog"
+        with whole.open("wb") as file:
+            for _ in range(times):
+                file.write(flight)
+        part.write_bytes(flight * max(1, min(times, PARSED // len(flight))))
+        megabytes = times * len(flight) / 1e6
+        works = {
+            "bytes": lambda: megabytes / seconds(lambda: np.fromfile(whole, np.uint8)),
+            "read": lambda: megabytes / seconds(lambda: read_tlog(whole)),
+            "scan": lambda: megabytes / seconds(lambda: scan_records(map_log(whole))),
+            "pymavlink": lambda: part.stat().st_size / 1e6 / seconds(lambda: count(part)),
+        }
+        if fast is not None:
+            works["fast"] = lambda: megabytes / seconds(lambda: fast.parseTLog(str(whole), whitelist=TYPES))
+        took = in_turns(works, settings.runs(RUNS), warm=not settings.quick)
+    on = f"{settings.named} {times} times, {megabytes:.0f} MB"
+    read, unit = took["read"], "MB/s"
+    figures = [
+        figure("mavkf `read_tlog`", unit, read, "pymavlink `recv_match`", took["pymavlink"], on),
+        figure(
+            "mavkf `read_tlog`",
+            unit,
+            read,
+            "`numpy.fromfile`",
+            took["bytes"],
+            "of the same bytes, which gives no fields",
+        ),
+    ]
+    if fast is None:
+        figures.append(missing("fasttlogparser", "not installed: `pip install --no-build-isolation fasttlogparser`"))
+    else:
+        figures.insert(
+            1, figure("mavkf `read_tlog`", unit, read, "fasttlogparser", took["fast"], "of the same messages")
+        )
+        figures.append(alone("fasttlogparser", unit, took["fast"]))
+    return [
+        *figures,
+        figure(
+            "mavkf `scan_records` alone", unit, took["scan"], "mavkf `read_tlog`", read, "frames found, CRC checked"
+        ),
+        alone("pymavlink `recv_match`", unit, took["pymavlink"]),
+        alone("`numpy.fromfile`", unit, took["bytes"], "bound by the memory"),
+    ]
+
+
+def count(path: Path) -> int:
+    """Count the messages of `TYPES` by pymavlink."""
+    os.environ |= {"MAVLINK20": "1", "MAVLINK_DIALECT": "ardupilotmega"}
+    from pymavlink import mavutil
+
+    log = mavutil.mavlogfile(str(path), robust_parsing=True)
+    result = 0
+    while log.recv_match(type=TYPES) is not None:
+        result += 1
+    log.close()
+    return result
+
+
+def fasttlogparser() -> ModuleType | None:
+    """Give the module, where it is installed."""
+    try:
+        import fasttlogparser as module
+    except ImportError:
+        return None
+    result: ModuleType = module
+    return result
