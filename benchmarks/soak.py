@@ -68,8 +68,9 @@ def _soak(log: Log, speed: float) -> dict[str, float]:
 
 
 _READER = """
-import json
+import json, signal
 from mavkf.publish.subscriber import subscribe
+signal.signal(signal.SIGINT, signal.default_int_handler)  # started in the background it would be ignored
 with subscribe() as poses:
     try:
         for _ in poses:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mavkf.link.framing import FrameStream
+from mavkf.link.framing import FRAME, FrameStream
 from mavkf.service.belief import Belief
 from mavkf.service.duplicates import Duplicates
 from mavkf.service.endpoints import Link
@@ -15,6 +15,7 @@ from mavkf.service.recorder import Recorder
 from mavkf.service.talk import Talk
 
 Say = Callable[[str], None]
+_PLAIN = np.dtype((np.void, FRAME.itemsize))  # concatenated ten times faster than fields are
 LATE_US, CAUGHT_UP_US = 2_000_000, 200_000  # behind the arrivals by so much outputs are left out, until it is so little
 TELL_LATE_S = 5.0
 
@@ -64,7 +65,8 @@ class Worker:
             pieces.append(data)
             found.append(frames)
         if found:
-            self._fleet.take(np.concatenate(pieces), np.concatenate(found))
+            frames = np.concatenate([one.view(_PLAIN) for one in found]).view(FRAME)
+            self._fleet.take(np.concatenate(pieces), frames)
 
     def speak(self) -> None:
         """Send over each link what there is to say."""
