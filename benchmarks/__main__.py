@@ -1,9 +1,9 @@
-"""`python -m benchmarks NAME`: accuracy, forms, integrity, soak, speed. Tables on stdout; `--json FILE` writes the numbers too."""
+"""`python -m benchmarks NAME`: accuracy, forms, fuzz, integrity, soak, speed. Tables on stdout; `--json FILE` writes the numbers too."""
 
 import importlib
 import sys
 
-NAMES = ("accuracy", "forms", "integrity", "soak", "speed")
+NAMES = ("accuracy", "forms", "fuzz", "integrity", "soak", "speed")
 
 
 def main() -> int:
