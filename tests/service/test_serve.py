@@ -156,6 +156,7 @@ def test_tcp_that_comes_later_is_waited_for(serve: Start, reader: Reader, flight
         address = taken.getsockname()
         process = serve(f"tcp:127.0.0.1:{address[1]}")
         process.line("does not answer")
+        reader.wait_for_publisher()
         taken.listen(1)
         connection, _ = taken.accept()
         with connection:
