@@ -71,8 +71,10 @@ def invert(S, inverse):
     """Inverse of a symmetric positive definite matrix (m, m) by Cholesky; returns the determinant, 0 where it is not positive definite."""
     m = S.shape[0]
     if m == 1:
+        if not S[0, 0] > 0.0:
+            return 0.0
         inverse[0, 0] = 1.0 / S[0, 0]
-        return S[0, 0] if S[0, 0] > 0.0 else 0.0
+        return S[0, 0]
     if m == 3:
         return invert_three(S, inverse)
     determinant = 1.0
