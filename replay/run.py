@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
-from mavkf.link.clocks import ClockCounts, VehicleClock
+from mavkf.link.clocks import ClockCounts
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts, joined, run_offline
 from mavkf.navigation.setup import MODELS, Setup
+from mavkf.replay.boot_clock import boot_times, on_boot_clock
 from mavkf.replay.faults import Fault, apply_faults
 from mavkf.replay.tlog import Log
-from mavkf.samples import IMU_SOURCES, KIND, SEQUENCE, SESSION, TIME, Kind, Source
+from mavkf.samples import IMU_SOURCES, KIND, SESSION, Kind, Source
 from mavkf.service.playback import read_together
 from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
 
@@ -213,33 +214,6 @@ def run_rows(
     estimate = _as_live if options.as_live else _offline
     part = progress or (lambda _: None)
     return list(estimate(name, rows, timed, options, part, each)), counts
-
-
-def on_boot_clock(rows: Array, window_s: float, *, in_place: bool = False) -> tuple[Array, ClockCounts]:
-    """Rows of one vehicle (n, ROW_WIDTH), in the order of arrival, with their TIME and SESSION; what has no time is left out.
-
-    window_s: as of `mavkf.config.Timeline`; in_place: whether they take the place of those given, which a long log needs the memory of.
-    """
-    clock = VehicleClock(window_s)
-    timed = rows if in_place else np.empty_like(rows)
-    count = 0
-    for first in range(0, len(rows) + 1, BLOCK):
-        last = first + BLOCK > len(rows)
-        # never more than were taken, so none is overwritten that is still to come
-        for decided in (clock.push(rows[first : first + BLOCK]), *((clock.flush(),) if last else ())):
-            timed[count : count + len(decided)] = decided
-            count += len(decided)
-    return timed[:count], clock.counts
-
-
-def boot_times(rows: Array, window_s: float) -> Array:
-    """Boot time (n), s, of each row of one vehicle (n, ROW_WIDTH), in the order of arrival; NaN for one that `on_boot_clock` leaves out."""
-    numbered = rows.copy()
-    numbered[:, SEQUENCE] = np.arange(rows.shape[0])  # the clock does not read it
-    timed = on_boot_clock(numbered, window_s)[0]
-    times = np.full(rows.shape[0], np.nan)
-    times[timed[:, SEQUENCE].astype(np.int64)] = timed[:, TIME]
-    return times
 
 
 def _sessions(rows: Array, options: Options) -> Iterator[tuple[int, Array]]:

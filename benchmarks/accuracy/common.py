@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.config import Config
-from mavkf.replay.run import Options, SessionResult, chosen_vehicles, on_boot_clock, run_rows
+from mavkf.replay.boot_clock import on_boot_clock
+from mavkf.replay.run import Options, SessionResult, chosen_vehicles, run_rows
 from mavkf.replay.tlog import read_tlog
 from mavkf.service.vehicle import Step, VehicleStream
 

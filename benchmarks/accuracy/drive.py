@@ -16,8 +16,8 @@ from benchmarks.accuracy.rtklib import arrivals, clock_of, read_solution
 from benchmarks.accuracy.sample_rows import gnss, heartbeats, imu, in_order_of_arrival
 from mavkf.config import with_settings
 from mavkf.models.earth import STANDARD_GRAVITY
+from mavkf.replay.boot_clock import on_boot_clock
 from mavkf.replay.export import columns
-from mavkf.replay.run import on_boot_clock
 from mavkf.replay.truth import Truth, errors
 
 FOLDER = Path("public/GNSS_IMU/drive_0708")

@@ -17,7 +17,7 @@ from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.estimator import BUFFER, SessionEstimator
 from mavkf.navigation.events import SortedEvents
-from mavkf.replay.run import on_boot_clock
+from mavkf.replay.boot_clock import on_boot_clock
 from mavkf.replay.tlog import read_tlog
 from mavkf.samples import GYRO, KIND, SOURCE, TIME, Kind, Source
 

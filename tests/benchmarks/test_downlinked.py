@@ -8,7 +8,8 @@ from mavkf.config import Config
 from mavkf.link.clocks import ClockCounts
 from mavkf.navigation.estimator import Output
 from mavkf.navigation.setup import choose
-from mavkf.replay.run import SessionResult, on_boot_clock
+from mavkf.replay.boot_clock import on_boot_clock
+from mavkf.replay.run import SessionResult
 from mavkf.replay.simulation import simulate
 from mavkf.replay.simulation.flight import ESTIMATE_AGE, ESTIMATE_SPEED
 from mavkf.replay.tlog import Log, read_tlog

@@ -10,7 +10,7 @@ import pytest
 from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
-from mavkf.replay.run import on_boot_clock
+from mavkf.replay.boot_clock import on_boot_clock
 from mavkf.replay.simulation.flight import simulate
 from mavkf.replay.tlog import read_tlog
 from mavkf.samples import (

@@ -1,0 +1,37 @@
+"""The rows of a log on the vehicle's boot clock."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.link.clocks import ClockCounts, VehicleClock
+from mavkf.samples import SEQUENCE, TIME
+
+Array = NDArray[np.float64]
+BLOCK = 50_000  # rows that the clock takes at once
+
+
+def on_boot_clock(rows: Array, window_s: float, *, in_place: bool = False) -> tuple[Array, ClockCounts]:
+    """Rows of one vehicle (n, ROW_WIDTH), in the order of arrival, with their TIME and SESSION; what has no time is left out.
+
+    window_s: as of `mavkf.config.Timeline`; in_place: whether they take the place of those given, which a long log needs the memory of.
+    """
+    clock = VehicleClock(window_s)
+    timed = rows if in_place else np.empty_like(rows)
+    count = 0
+    for first in range(0, len(rows) + 1, BLOCK):
+        last = first + BLOCK > len(rows)
+        # never more than were taken, so none is overwritten that is still to come
+        for decided in (clock.push(rows[first : first + BLOCK]), *((clock.flush(),) if last else ())):
+            timed[count : count + len(decided)] = decided
+            count += len(decided)
+    return timed[:count], clock.counts
+
+
+def boot_times(rows: Array, window_s: float) -> Array:
+    """Boot time (n), s, of each row of one vehicle (n, ROW_WIDTH), in the order of arrival; NaN for one that `on_boot_clock` leaves out."""
+    numbered = rows.copy()
+    numbered[:, SEQUENCE] = np.arange(rows.shape[0])  # the clock does not read it
+    timed = on_boot_clock(numbered, window_s)[0]
+    times = np.full(rows.shape[0], np.nan)
+    times[timed[:, SEQUENCE].astype(np.int64)] = timed[:, TIME]
+    return times
