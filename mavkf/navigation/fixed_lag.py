@@ -19,6 +19,7 @@ from mavkf.samples import KIND, SEQUENCE, SOURCE, TIME
 
 Array = NDArray[np.float64]
 HOP = 1.0  # s of poses that come at once
+MOST = 200_000  # events that may wait: a minute at 3 kHz
 
 
 class Window:
@@ -47,13 +48,16 @@ class FixedLag:
         self._behind = -np.inf  # s: the state stands there
         self._slot = -1
         self.left_out = 0
-        """Events that came after their time had been given out."""
+        """Events that came after their time had been given out, or when too many waited."""
 
     def take(self, events: Array) -> None:
         """Take events (n, EVENT_WIDTH), in the order of arrival."""
-        due = events[:, TIME] > self._behind
-        self.left_out += int(np.count_nonzero(~due))
-        self._events.append(events[due].copy())
+        # a clock that stands still makes nothing due: what comes then must not be kept for ever
+        room = MOST - sum(map(len, self._events))
+        kept = events[events[:, TIME] > self._behind][: max(room, 0)]
+        self.left_out += len(events) - len(kept)
+        if len(kept):
+            self._events.append(kept)
 
     def rows(self, now: float) -> Array:
         """Give the smoothed pose rows (n, POSE_WIDTH) that are due at boot time `now` (s), the newest that was heard."""

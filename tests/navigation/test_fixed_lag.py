@@ -1,8 +1,10 @@
 """Poses of a few seconds ago, by what came since: against the truth, the live filter, and themselves."""
 
 import numpy as np
+import pytest
 
 from mavkf.config import Config
+from mavkf.navigation import fixed_lag
 from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import SessionEstimator
 from mavkf.samples import TIME
@@ -65,3 +67,15 @@ def test_what_is_older_than_the_window_is_left_out_and_counted() -> None:
     for _ in estimator.push(rows[rows[:, TIME] < 120.0][-50:]):
         pass
     assert estimator._lagging.left_out == 50
+
+
+def test_a_clock_that_stands_still_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fixed_lag, "MOST", 500)
+    rows = session(30.0)
+    estimator = SessionEstimator(CONFIG, lag_s=LAG)
+    for _ in estimator.push(rows):
+        pass
+    lagging = estimator._lagging
+    assert lagging is not None
+    assert sum(map(len, lagging._events)) == 500
+    assert lagging.left_out > 1000
