@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from mavkf.filters.forms import FORMS
 from mavkf.navigation import layout as L
-from mavkf.replay.run import Options, SessionResult, run
+from mavkf.replay.options import Options
+from mavkf.replay.results import SessionResult
+from mavkf.replay.run import run
 
 Array = NDArray[np.float64]
 FLIGHTS = (("ap02_copter_gcs4hz", np.inf), ("ap01_copter_highrate", 100.0))  # and the end, s on the boot clock

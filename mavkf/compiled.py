@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable
 from functools import cache, cached_property, update_wrapper
 from pathlib import Path
+from threading import RLock
 from typing import Any, TypeVar
 
 import llvmlite.binding
@@ -43,6 +44,7 @@ def several(*types: Any) -> Any:
 
 
 UNUSED_S = 30 * 86400.0
+_setting_folder = RLock()
 COMPILED_FOLDERS = ("models", "filters", "navigation", "link")  # and the constants in samples.py
 
 
@@ -51,7 +53,7 @@ def source_hash() -> str:
     """Hash (16 hex digits) of the compiled sources and of the versions that the machine code depends on."""
     package = Path(__file__).resolve().parent
     digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}".encode())
-    paths = [package / "compiled.py", package / "samples.py", package / "stack.py"]
+    paths = [package / "compiled.py", package / "samples.py", package / "stack.py", package / "decimals.py"]
     for folder in COMPILED_FOLDERS:
         paths += sorted((package / folder).resolve().rglob("*.py"))
     for path in paths:
@@ -106,6 +108,11 @@ def kernel(function: F) -> F:
     return _later(function, False)
 
 
+def long_kernel(function: F) -> F:
+    """Compile a kernel whose calls take long: other threads work meanwhile. What Python hands to it nobody else may change."""
+    return _later(function, False, nogil=True)
+
+
 def fused_kernel(function: F) -> F:
     """Compile a kernel whose products and sums may be one instruction, rounded once, where the processor has it: for long sums only."""
     return _later(function, False, fastmath={"contract"})
@@ -132,12 +139,13 @@ class _Later:
 
     @cached_property
     def _dispatcher(self) -> Any:
-        before = numba.config.CACHE_DIR  # set only for this, so that other users of numba in the process keep theirs
-        numba.config.CACHE_DIR = str(cache_folder())
-        try:
-            return numba.njit(cache=True, error_model="numpy", **self._options)(self._function)
-        finally:
-            numba.config.CACHE_DIR = before
+        with _setting_folder:
+            before = numba.config.CACHE_DIR  # set only for this, so that other users of numba in the process keep theirs
+            numba.config.CACHE_DIR = str(cache_folder())
+            try:
+                return numba.njit(cache=True, error_model="numpy", **self._options)(self._function)
+            finally:
+                numba.config.CACHE_DIR = before
 
     @property
     def _numba_type_(self) -> Any:

@@ -15,14 +15,15 @@ class _Replay(ModuleType):
     def __call__(self, path: str | Path, **options: Any) -> "dict[str, dict[int, Any]]":
         """Estimate a log. Returns arrays by vehicle and session.
 
-        Options are those of `mavkf.replay.run.Options` (as_live, rate_hz, span, vehicle, session, imu, model, config,
+        Options are those of `mavkf.replay.options.Options` (as_live, rate_hz, span, vehicle, session, imu, model, config,
         faults, smooth, form, update); imu may be a name, and faults texts.
         Each session is a dict of arrays (n,): the columns of the CSV export, `time_boot_s` to `sigma_yaw_deg`.
         Raises LogError or UsageError.
         """
         from mavkf.replay.export import columns
         from mavkf.replay.faults import parse_fault
-        from mavkf.replay.run import Options, imu_source, run
+        from mavkf.replay.options import Options, imu_source
+        from mavkf.replay.run import run
 
         if isinstance(options.get("imu"), str):
             options["imu"] = imu_source(options["imu"])

@@ -7,24 +7,15 @@ from mavkf.link.clocks import ClockCounts, VehicleClock
 from mavkf.samples import SEQUENCE, TIME
 
 Array = NDArray[np.float64]
-BLOCK = 50_000  # rows that the clock takes at once
 
 
-def on_boot_clock(rows: Array, window_s: float, *, in_place: bool = False) -> tuple[Array, ClockCounts]:
+def on_boot_clock(rows: Array, window_s: float) -> tuple[Array, ClockCounts]:
     """Rows of one vehicle (n, ROW_WIDTH), in the order of arrival, with their TIME and SESSION; what has no time is left out.
 
-    window_s: as of `mavkf.config.Timeline`; in_place: whether they take the place of those given, which a long log needs the memory of.
+    window_s: as of `mavkf.config.Timeline`.
     """
     clock = VehicleClock(window_s)
-    timed = rows if in_place else np.empty_like(rows)
-    count = 0
-    for first in range(0, len(rows) + 1, BLOCK):
-        last = first + BLOCK > len(rows)
-        # never more than were taken, so none is overwritten that is still to come
-        for decided in (clock.push(rows[first : first + BLOCK]), *((clock.flush(),) if last else ())):
-            timed[count : count + len(decided)] = decided
-            count += len(decided)
-    return timed[:count], clock.counts
+    return np.concatenate([clock.push(rows), clock.flush()]), clock.counts
 
 
 def boot_times(rows: Array, window_s: float) -> Array:

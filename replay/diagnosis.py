@@ -10,7 +10,7 @@ from mavkf.navigation import layout as L
 from mavkf.replay.judgement import Judgement, judge_session
 from mavkf.replay.learnt import learnt
 from mavkf.replay.linearity import judge_linearity
-from mavkf.replay.run import SessionResult
+from mavkf.replay.results import SessionResult
 
 
 def diagnose(session: SessionResult, details: bool) -> dict[str, Any]:

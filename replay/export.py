@@ -1,50 +1,55 @@
 """Estimates as columns and as CSV: degrees and metres, blank where nothing is known."""
 
 import math
+import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from types import TracebackType
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.decimals import lines
 from mavkf.errors import UsageError
 from mavkf.estimate import Pose
 from mavkf.navigation import layout as L
 from mavkf.navigation.records import MODES
-from mavkf.replay.run import SessionResult
 
 Array = NDArray[np.float64]
-FORMATS = {
-    "time_boot_s": "%.6f",
-    "lat_deg": "%.10f",
-    "lon_deg": "%.10f",
-    "alt_amsl_m": "%.4f",
-    "alt_ellipsoid_m": "%.4f",
-    "vn_ms": "%.5f",
-    "ve_ms": "%.5f",
-    "vd_ms": "%.5f",
-    "roll_deg": "%.5f",
-    "pitch_deg": "%.5f",
-    "yaw_deg": "%.5f",
-    "sigma_n_m": "%.4f",
-    "sigma_e_m": "%.4f",
-    "sigma_d_m": "%.4f",
-    "sigma_vn_ms": "%.5f",
-    "sigma_ve_ms": "%.5f",
-    "sigma_vd_ms": "%.5f",
-    "sigma_roll_deg": "%.5f",
-    "sigma_pitch_deg": "%.5f",
-    "sigma_yaw_deg": "%.5f",
-    "pl_h_m": "%.3f",
-    "pl_v_m": "%.3f",
+DECIMALS = {
+    "time_boot_s": 6,
+    "lat_deg": 10,
+    "lon_deg": 10,
+    "alt_amsl_m": 4,
+    "alt_ellipsoid_m": 4,
+    "vn_ms": 5,
+    "ve_ms": 5,
+    "vd_ms": 5,
+    "roll_deg": 5,
+    "pitch_deg": 5,
+    "yaw_deg": 5,
+    "sigma_n_m": 4,
+    "sigma_e_m": 4,
+    "sigma_d_m": 4,
+    "sigma_vn_ms": 5,
+    "sigma_ve_ms": 5,
+    "sigma_vd_ms": 5,
+    "sigma_roll_deg": 5,
+    "sigma_pitch_deg": 5,
+    "sigma_yaw_deg": 5,
+    "pl_h_m": 3,
+    "pl_v_m": 3,
 }
 
 
-BLOCK = 10_000  # rows that are written at once
+BLOCK = 4096  # rows that are written at once
+PIECE = 1 << 20  # bytes that are copied at once
+_MODES = [mode.encode() for mode in MODES]
 
 
 def columns(poses: Array) -> dict[str, Array]:
-    """Columns by the names of FORMATS, each (n,), of pose rows (n, POSE_WIDTH); NaN where nothing is known."""
+    """Columns by the names of DECIMALS, each (n,), of pose rows (n, POSE_WIDTH); NaN where nothing is known."""
     pose = poses[:, L.R_POSE_COVARIANCE : L.R_POSE_COVARIANCE + 36]
     velocity = poses[:, L.R_VELOCITY_COVARIANCE : L.R_VELOCITY_COVARIANCE + 9]
     values = [
@@ -59,11 +64,11 @@ def columns(poses: Array) -> dict[str, Array]:
         *np.degrees(poses[:, L.R_SIGMA_EULER : L.R_SIGMA_EULER + 3]).T,
         *poses[:, L.R_PL_H : L.R_PL_V + 1].T,
     ]
-    return dict(zip(FORMATS, values, strict=True))
+    return dict(zip(DECIMALS, values, strict=True))
 
 
 def pose_columns(poses: Sequence[Pose]) -> dict[str, Array]:
-    """Columns by the names of FORMATS, each (n,), of pose records; NaN where nothing is known."""
+    """Columns by the names of DECIMALS, each (n,), of pose records; NaN where nothing is known."""
     nothing = (math.nan,) * 3
 
     def numbers(values: Sequence[float | None] | None) -> list[float]:
@@ -84,8 +89,8 @@ def pose_columns(poses: Sequence[Pose]) -> dict[str, Array]:
             + _euler_sigmas(rotation, np.radians(angles))
             + numbers((pose.pl_h_m, pose.pl_v_m))
         )
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(FORMATS))
-    return dict(zip(FORMATS, table.T, strict=True))
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(DECIMALS))
+    return dict(zip(DECIMALS, table.T, strict=True))
 
 
 def _euler_sigmas(rotation: Array, angles: Array) -> list[float]:
@@ -98,30 +103,62 @@ def _euler_sigmas(rotation: Array, angles: Array) -> list[float]:
     return [sigma if math.isfinite(angle) else math.nan for sigma, angle in zip(sigmas, angles, strict=True)]
 
 
-def write_csv(path: Path, sessions: Iterable[SessionResult]) -> int:
-    """Write the estimates of sessions to a CSV file; returns the number of rows. Raises UsageError where it cannot be written.
+class CsvFile:
+    """Writes pose rows to a CSV file as they come, those of each vehicle behind each other.
 
-    Columns: vehicle, session, then those of FORMATS, then mode.
+    Columns: vehicle, session, then those of DECIMALS, then mode. What a log's senders are is known when it is read, so the rows of each
+    wait in a temporary file until then.
     """
-    count = 0
-    pattern = ",".join(FORMATS.values())
-    try:
-        with path.open("w", encoding="utf-8", newline="\n") as file:
-            file.write("vehicle,session," + ",".join(FORMATS) + ",mode\n")
-            for result in sessions:
-                head = f"{result.vehicle},{result.session},"
-                for first in range(0, result.output.poses.shape[0], BLOCK):
-                    poses = result.output.poses[first : first + BLOCK]
-                    table = np.column_stack(list(columns(poses).values()))
-                    modes = [MODES[int(mode)] for mode in poses[:, L.R_MODE]]
-                    # NaN prints as nan: the only letters in the numbers, so they can be taken out as text
-                    file.writelines(
-                        head + (pattern % tuple(row)).replace("nan", "") + "," + mode + "\n"
-                        for row, mode in zip(table.tolist(), modes, strict=True)
-                    )
-                    count += poses.shape[0]
-    except OSError as error:
-        raise UsageError(
-            f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists"
-        ) from None
-    return count
+
+    def __init__(self, path: Path) -> None:
+        """Raises UsageError where the file cannot be written."""
+        self._path = path
+        self._parts: dict[str, IO[bytes]] = {}
+        try:
+            self._file = path.open("wb")
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    def __enter__(self) -> "CsvFile":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for file in (*self._parts.values(), self._file):
+            file.close()
+
+    def take(self, vehicle: str, session: int, poses: Array) -> None:
+        """Take pose rows (n, POSE_WIDTH) of a session of a vehicle. Raises UsageError where the disk is full."""
+        if vehicle not in self._parts:
+            self._parts[vehicle] = tempfile.TemporaryFile()
+        for first in range(0, len(poses), BLOCK):
+            some = poses[first : first + BLOCK]
+            head, modes = f"{vehicle},{session},".encode(), some[:, L.R_MODE].astype(np.int64)
+            text = lines(np.column_stack(list(columns(some).values())), list(DECIMALS.values()), head, _MODES, modes)
+            try:
+                self._parts[vehicle].write(text)
+            except OSError as error:
+                raise self._unwritable(error) from None
+
+    def finish(self, vehicles: Iterable[str]) -> int:
+        """Write the rows of vehicles, in this order; returns their number. Raises UsageError."""
+        count = 0
+        try:
+            self._file.write(("vehicle,session," + ",".join(DECIMALS) + ",mode\n").encode())
+            for vehicle in vehicles:
+                part = self._parts.get(vehicle)
+                if part is not None:
+                    part.seek(0)
+                    while piece := part.read(PIECE):
+                        count += piece.count(b"\n")
+                        self._file.write(piece)
+            self._file.flush()
+        except OSError as error:
+            raise self._unwritable(error) from None
+        return count
+
+    def _unwritable(self, error: OSError) -> UsageError:
+        return UsageError(
+            f"{self._path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists"
+        )

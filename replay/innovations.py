@@ -5,7 +5,6 @@ correlations that say nothing, and is judged by its size only. So are velocities
 slow: it then shows the size of its noise along the course that it holds.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -128,14 +127,6 @@ def _probability_beyond(limit: float, components: int) -> float:
 def kinds(rows: Array) -> Array:
     """A number (n,) for the sensor and source of each innovation row (n, INNOVATION_WIDTH)."""
     return np.asarray(rows[:, L.I_SENSOR] * len(Source) + rows[:, L.I_SOURCE])
-
-
-def by_sensor(rows: Array, speed: Array, main: float) -> Iterator[Innovations]:
-    """Innovation rows (n, INNOVATION_WIDTH) in time order, a sensor and source at a time; arguments as of `of_one`."""
-    kind = kinds(rows)
-    for each in np.unique(kind):
-        mine = kind == each
-        yield of_one(rows[mine], speed[mine], main)
 
 
 def of_one(rows: Array, speed: Array, main: float) -> Innovations:

@@ -13,7 +13,7 @@ from mavkf.models.strapdown import BA, BG, DBA, DBG, DDELAY, DELAY, DIRON, IRON
 from mavkf.navigation import layout as L
 from mavkf.navigation.learning import MOST_SCALE
 from mavkf.navigation.parameter import Parameter
-from mavkf.replay.run import SessionResult
+from mavkf.replay.results import SessionResult
 
 BOUND = 3.29  # sigma: an axis of a right filter is farther away with a probability of 1e-3 (normal, two-sided)
 AT_LIMIT = 0.8  # of the largest learnt variance
@@ -37,7 +37,7 @@ def learnt(session: SessionResult) -> list[Learnt]:
     if not s[L.POSITION_KNOWN] or s[L.MODEL] == L.CONSTANT_VELOCITY:
         return []
     c = session.parameters
-    flown = float(np.ptp(session.output.poses[:, L.R_TIME])) if len(session.output.poses) else 0.0
+    flown = session.tally.flown_s
     nominal = session.setup.gnss_delay
     delay = s[DELAY]
     return [

@@ -38,14 +38,13 @@ from mavkf.models.strapdown import (
 )
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
-from mavkf.replay.run import SessionResult
+from mavkf.replay.results import SessionResult
+from mavkf.replay.stretches import Stretches, sensor_of
 
 Array = NDArray[np.float64]
-SAMPLES = 8  # states of a session, evenly spread
 TURNS = tuple(range(THETA, THETA + 3))
 STEP = {**dict.fromkeys(TURNS, 1e-4), DDELAY: 1e-3}  # rad, s
 LONGEST = 1.0  # s that a prediction is taken over
-BASE = 1.0  # s that an acceleration is taken over
 
 
 def judge_linearity(session: SessionResult) -> dict[str, Finding]:
@@ -78,43 +77,29 @@ def hessians(jacobian: Callable[[Array], Array], x: Array, by: tuple[int, ...]) 
 
 
 def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
-    poses = session.output.poses
-    known = np.all(np.isfinite(poses[:, [L.R_LATITUDE, L.R_V, L.R_Q, L.R_RATE]]), axis=1)
-    rows = np.flatnonzero(known)
-    if not len(rows):
-        return
-    innovations = {
-        sensor: session.output.innovations[session.output.innovations[:, L.I_SENSOR] == sensor]
-        for sensor in (Sensor.GNSS_POSITION, Sensor.GNSS_VELOCITY, Sensor.MAGNETOMETER)
-    }
-    moving = poses[np.ix_(known, [L.R_TIME, L.R_V, L.R_V + 1, L.R_V + 2])]
-    fixes = innovations[Sensor.GNSS_POSITION][:, L.I_TIME]
-    dt = min(float(np.median(np.diff(fixes))), LONGEST) if len(fixes) > 1 else LONGEST
-    for i in rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLES).astype(int))]:
-        x, P = _state(session, poses[i])
-        a = _acceleration(moving, poses[i, L.R_TIME])
-        for sensor, jacobian in _measurements(a, poses[i, L.R_RATE : L.R_RATE + 3], len(P)).items():
-            mine = innovations[sensor]
-            k = int(np.searchsorted(mine[:, L.I_TIME], poses[i, L.R_TIME], side="right")) - 1
-            if k >= 0:
-                m = int(mine[k, L.I_SIZE])
-                S = mine[k, L.I_S : L.I_S + m * m].reshape(m, m)
+    dt = _between_fixes(session.tally.innovations)
+    for state in session.tally.states.found.values():
+        row, a = state.row, state.acceleration
+        x, P = _state(session, row)
+        rate = row[L.R_RATE : L.R_RATE + 3]
+        for sensor, jacobian in _measurements(a, rate, len(P)).items():
+            mine = state.innovations.get(sensor)
+            if mine is not None:
+                m = int(mine[L.I_SIZE])
+                S = mine[L.I_S : L.I_S + m * m].reshape(m, m)
                 if np.isfinite(S).all() and np.linalg.eigvalsh(S)[0] > 0.0:
                     yield sensor.name.lower(), outside(hessians(jacobian, x, (*TURNS, DDELAY))[:m], P, S)
-        if poses[i, L.R_MODEL] == L.STRAPDOWN and session.state[L.PERIOD] <= L.SLOW:
-            move = _prediction(x, a, poses[i, L.R_RATE : L.R_RATE + 3], dt)
+        if row[L.R_MODEL] == L.STRAPDOWN and session.state[L.PERIOD] <= L.SLOW:
+            move = _prediction(x, a, rate, dt)
             F, known_P = move(x), P[:TOP, :TOP]
             yield "prediction", outside(hessians(move, x, TURNS), known_P, F @ known_P @ F.T)
 
 
-def _acceleration(moving: Array, t: float) -> Array:
-    """(3,) m/s^2 in n, mean over BASE about t: from one pose to the next it would be what a fix has corrected.
-
-    moving: (n, 4) time, s, and velocity in n, m/s.
-    """
-    first, last = np.clip(np.searchsorted(moving[:, 0], (t - 0.5 * BASE, t + 0.5 * BASE)), 0, len(moving) - 1)
-    change = moving[last] - moving[first]
-    return np.asarray(change[1:] / change[0] if change[0] > 0.0 else np.zeros(3))
+def _between_fixes(innovations: Stretches) -> float:
+    """Time between two fixes, s, LONGEST at most."""
+    fixes = [kept.rows for kind, kept in innovations.kept.items() if sensor_of(kind) == Sensor.GNSS_POSITION.value]
+    steps = [np.diff(rows[:, L.I_TIME]) for rows in fixes if len(rows) > 1]
+    return min(float(np.median(np.concatenate(steps))), LONGEST) if steps else LONGEST
 
 
 def _state(session: SessionResult, row: Array) -> tuple[Array, Array]:

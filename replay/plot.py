@@ -14,7 +14,7 @@ from mavkf.navigation.codes import Sensor
 from mavkf.navigation.records import SENSOR_NAMES
 from mavkf.replay.advice import NED
 from mavkf.replay.export import columns
-from mavkf.replay.run import SessionResult
+from mavkf.replay.results import SessionResult
 from mavkf.replay.truth import SIGMAS, Truth, errors
 
 Floats = NDArray[np.float64]

@@ -9,25 +9,28 @@ from numpy.typing import NDArray
 from mavkf.navigation import layout as L
 from mavkf.navigation.records import SENSOR_NAMES, RecordWriter, flag_names, validity
 from mavkf.replay.diagnosis import diagnose
-from mavkf.replay.run import Result, SessionResult
-from mavkf.samples import FIX, KIND, SOURCE, TIME, Kind, Source
+from mavkf.replay.results import Result, SessionResult
+from mavkf.replay.stretches import sensor_of
+from mavkf.replay.tally import Heard, Tally
+from mavkf.samples import Kind, Source
 
 Array = NDArray[np.float64]
 SLOW_HZ = 1.0  # Hz: rates below it are given with more digits
+SENSORS = (Kind.IMU, Kind.GNSS, Kind.MAGNETOMETER, Kind.BAROMETER)
 
 
 def summarise(result: Result, details: bool = False) -> dict[str, Any]:
     """The summary of a replayed log, of numbers, text and None only. details: as of `mavkf.replay.diagnosis.diagnose`."""
-    flown = sum(_span(session)[1] - _span(session)[0] for session in result.sessions)
-    total = result.read_s + result.estimate_s
+    flown = sum(session.tally.span[1] - session.tally.span[0] for session in result.sessions)
+    total = result.total_s
     return {
-        "log": str(result.log.path),
-        "size_bytes": result.log.size,
-        "damage": result.log.damage.as_dict(),
+        "log": result.log,
+        "size_bytes": result.size,
+        "damage": result.damage.as_dict(),
         "sessions": [_session(session, result, details) for session in result.sessions],
         "time": {
             "read_s": round(result.read_s, 4),
-            "estimate_s": round(result.estimate_s, 4),
+            "total_s": round(total, 4),
             "flown_s": round(flown, 3),
             "times_real_time": round(flown / total, 1) if total > 0.0 else None,
         },
@@ -36,23 +39,20 @@ def summarise(result: Result, details: bool = False) -> dict[str, Any]:
 
 def estimated(session: SessionResult) -> bool:
     """Whether anything came of a session: a tilt, a position or a velocity."""
-    return bool(np.any(session.output.poses[:, L.R_VALID] > 0)) if session.output.poses.shape[0] else False
+    return bool(session.tally.valid.any())
 
 
 def warnings(session: SessionResult) -> list[str]:
     """What is missing, and what follows from it: one sentence each."""
-    rows, setup = session.rows, session.setup
+    tally, setup = session.tally, session.setup
     said = []
-    gnss = rows[rows[:, KIND] == Kind.GNSS]
-    poses = session.output.poses
-    has_imu = bool(np.any(rows[:, KIND] == Kind.IMU))
-    if not gnss.shape[0]:
+    if not tally.has(Kind.GNSS):
         said.append("no GNSS message: attitude is estimated, position and velocity are unknown")
-    elif not np.any(gnss[:, FIX] >= 3):
+    elif not tally.has_3d_fix:
         said.append("GNSS never had a 3D fix: attitude is estimated, position and velocity are unknown")
-    elif poses.shape[0] and not np.any(np.isfinite(poses[:, L.R_LATITUDE])):
+    elif tally.poses and not tally.has_position:
         said.append("no fixes in a row that agree with each other: position and velocity are unknown")
-    if not has_imu:
+    if not tally.has(Kind.IMU):
         said.append("no IMU message: position and velocity are estimated, attitude is unknown")
     elif setup.imu is None:
         said.append("no usable IMU message in the first seconds: attitude is unknown")
@@ -60,18 +60,12 @@ def warnings(session: SessionResult) -> list[str]:
         said.append(
             f"the IMU at {setup.imu_rate_hz:.2g} Hz is slow: attitude is coarse, and follows gravity rather than the motion"
         )
-    if setup.imu is not None and poses.shape[0] and not np.any(np.isfinite(poses[:, L.R_EULER + 2])):
-        why = (
-            "no magnetometer" if not np.any(rows[:, KIND] == Kind.MAGNETOMETER) else "no heading from the magnetometer"
-        )
+    if setup.imu is not None and tally.poses and not tally.has_yaw:
+        why = "no heading from the magnetometer" if tally.has(Kind.MAGNETOMETER) else "no magnetometer"
         said.append(f"{why}: yaw is unknown")
     if not estimated(session):
         said.append("nothing could be estimated in this session")
     return said
-
-
-def _span(session: SessionResult) -> tuple[float, float]:
-    return float(session.rows[:, TIME].min()), float(session.rows[:, TIME].max())
 
 
 def _rounded(value: float | None) -> float | None:
@@ -83,7 +77,8 @@ def _number(value: float, digits: int = 4) -> float | None:
 
 
 def _session(session: SessionResult, result: Result, details: bool) -> dict[str, Any]:
-    first, last = _span(session)
+    tally = session.tally
+    first, last = tally.span
     writer = RecordWriter(session.vehicle)
     clock = result.clocks[session.vehicle]
     setup = session.setup
@@ -103,13 +98,13 @@ def _session(session: SessionResult, result: Result, details: bool) -> dict[str,
             "magnetometer": setup.magnetometer_delay,
             "barometer": setup.barometer_delay,
         },
-        "rates_hz": _rates(session.rows),
+        "rates_hz": _rates(tally),
         "gaps": {"clock": clock.gaps, "longest_s": _number(clock.longest_gap_s, 3), "imu": session.counts["imu_gaps"]},
         "counts": session.counts | {"late": clock.late, "bad_stamps": clock.bad_stamps, "untimed": clock.untimed},
-        "sensors": _sensors(session.output.innovations),
+        "sensors": _sensors(tally),
         "diagnosis": diagnose(session, details),
-        "end": _end(session.output.poses),
-        "coverage": _coverage(session.output.poses),
+        "end": _end(tally.end),
+        "coverage": _coverage(tally),
         "events": [
             {
                 "t_s": _number(event.t_boot_s or math.nan, 3),
@@ -119,7 +114,7 @@ def _session(session: SessionResult, result: Result, details: bool) -> dict[str,
                 "size": event.size,
                 "text": event.text,
             }
-            for event in (writer.event(note, session.session) for note in session.output.notes)
+            for event in (writer.event(note, session.session) for note in tally.notes)
         ],
         "warnings": warnings(session),
     }
@@ -142,51 +137,41 @@ def _filter(session: SessionResult) -> dict[str, Any] | None:
     }
 
 
-def _rates(rows: Array) -> dict[str, float]:
+def _in_order(heard: tuple[tuple[Kind, Source], Heard]) -> tuple[int, Source]:
+    kind, source = heard[0]
+    return SENSORS.index(kind) if kind in SENSORS else len(SENSORS), source
+
+
+def _rates(tally: Tally) -> dict[str, float]:
     rates = {}
-    key = rows[:, KIND].astype(np.int64) * len(Source) + rows[:, SOURCE].astype(np.int64)
-    present = np.flatnonzero(np.bincount(key))
-    for kind in (Kind.IMU, Kind.GNSS, Kind.MAGNETOMETER, Kind.BAROMETER):
-        for source in Source:
-            if kind * len(Source) + source not in present:
-                continue
-            times = rows[key == kind * len(Source) + source, TIME]
-            if times.size > 1 and times.max() > times.min():
-                rate = (times.size - 1) / (times.max() - times.min())
-                rates[f"{kind.name.lower()} {source.name}"] = round(float(rate), 1 if rate >= SLOW_HZ else 3)
+    for (kind, source), heard in sorted(tally.heard.items(), key=_in_order):
+        if kind in SENSORS and heard.rate_hz is not None:
+            rates[f"{kind.name.lower()} {source.name}"] = round(heard.rate_hz, 1 if heard.rate_hz >= SLOW_HZ else 3)
     return rates
 
 
-def _sensors(innovations: Array) -> dict[str, dict[str, Any]]:
+def _sensors(tally: Tally) -> dict[str, dict[str, Any]]:
     """By sensor: measurements, share refused, mean NIS for each degree of freedom (1 where the filter is right)."""
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
     for sensor, name in enumerate(SENSOR_NAMES):
-        mine = innovations[innovations[:, L.I_SENSOR] == sensor]
-        if mine.shape[0]:
-            fused = mine[mine[:, L.I_FUSED] > 0]
-            nis = fused[:, L.I_NIS] / fused[:, L.I_SIZE]
-            found[name] = {
-                "count": mine.shape[0],
-                "refused": int(mine.shape[0] - fused.shape[0]),
-                "nis": _number(float(np.mean(nis))) if nis.size else None,
-            }
+        mine = [kept for kind, kept in tally.innovations.kept.items() if sensor_of(kind) == sensor]
+        if mine:
+            count, refused = sum(kept.count for kept in mine), sum(kept.refused for kept in mine)
+            nis = sum(kept.nis for kept in mine) / (count - refused) if count > refused else None
+            found[name] = {"count": count, "refused": refused, "nis": None if nis is None else _number(nis)}
     return found
 
 
-def _coverage(poses: Array) -> dict[str, float | None]:
+def _coverage(tally: Tally) -> dict[str, float | None]:
     """Share of the pose rows in which each part is valid."""
-    names = ("position", "velocity", "tilt", "yaw")
-    if not poses.shape[0]:
-        return dict.fromkeys(names)
-    bits = poses[:, L.R_VALID].astype(int)
-    return {name: round(float(np.mean(bits >> i & 1)), 4) for i, name in enumerate(names)}
+    shares = [round(count / tally.poses, 4) if tally.poses else None for count in tally.valid.tolist()]
+    return dict(zip(("position", "velocity", "tilt", "yaw"), shares, strict=True))
 
 
-def _end(poses: Array) -> dict[str, Any] | None:
+def _end(row: Array | None) -> dict[str, Any] | None:
     """The last pose: where, how sure, and what the slow errors were found to be."""
-    if not poses.shape[0]:
+    if row is None:
         return None
-    row = poses[-1]
     degrees = np.degrees
     pose = row[L.R_POSE_COVARIANCE : L.R_POSE_COVARIANCE + 36]
     return {

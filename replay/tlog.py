@@ -1,19 +1,21 @@
 """Read a tlog: find its frames, decode its samples, and say what is in it."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.errors import LogError
 from mavkf.link.decode import Address, DecodeCounts, decode
-from mavkf.link.framing import FrameCounts, scan_records
+from mavkf.link.framing import FRAME, FrameCounts, Scanner, join_frames
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids, message_names
-from mavkf.link.stamps import repair_stamps
+from mavkf.link.stamps import StampRepair
 from mavkf.samples import KIND, Kind
 from mavkf.service.senders import is_vehicle
 
@@ -91,23 +93,59 @@ def _is_vehicle(rows: NDArray[np.float64]) -> bool:
     return bool(np.isin(rows[:, KIND], (Kind.IMU, Kind.GNSS)).any()) and is_vehicle(rows) is not False
 
 
-def read_tlog(path: Path, progress: Callable[[float], object] | None = None) -> Log:
-    """Read a tlog of any MAVLink version, whole or damaged.
+class Block(NamedTuple):
+    """A piece of a log: its frames, in file order, stamps repaired; the sample rows that they give, as of `Log`."""
 
-    progress: called with the fraction of the file read (0 to 1), now and then.
+    frames: NDArray[np.void]
+    rows: dict[Address, NDArray[np.float64]]
 
-    Raises LogError if the file cannot be opened, is empty, or holds no MAVLink frame.
+
+class TlogReader:
+    """Reads a tlog of any MAVLink version, whole or damaged, block by block: a log of any length needs little memory.
+
+    reader = TlogReader(path)
+    for block in reader: ...
+    reader.damage, reader.refused    # complete once all blocks are read
     """
-    path = Path(path)
-    data = map_log(path)
-    frames, damage = scan_records(data, progress)
-    if len(frames) == 0:
-        raise LogError(f"{path} holds no MAVLink frame; give a telemetry log (.tlog) of a ground station.")
-    damage = replace(damage, bad_stamps=repair_stamps(frames))
-    frames["stamp"] = np.maximum(frames["stamp"], 0)
-    refused = DecodeCounts()
-    rows = decode(data, frames, refused)
-    return Log(path, data.size, data, frames, damage, refused, rows)
+
+    def __init__(self, path: Path) -> None:
+        """Raises LogError if the file cannot be opened or is empty."""
+        self.path = Path(path)
+        self.name = str(self.path)
+        self.data = map_log(self.path)
+        self.size = int(self.data.size)
+        self.refused = DecodeCounts()
+        self._scanner, self._stamps = Scanner(self.data), StampRepair()
+
+    def __iter__(self) -> Iterator[Block]:
+        """The blocks. Raises LogError at the end if the file holds no MAVLink frame."""
+        for found in chain(self._scanner, (None,)):
+            frames = self._stamps.push(np.empty(0, FRAME) if found is None else found, last=found is None)
+            yield Block(frames, decode(self.data, frames, self.refused))
+        if self._scanner.counts.frames == 0:
+            raise LogError(f"{self.path} holds no MAVLink frame; give a telemetry log (.tlog) of a ground station.")
+
+    @property
+    def damage(self) -> FrameCounts:
+        """What the bytes were, as far as they are read."""
+        return replace(self._scanner.counts, bad_stamps=self._stamps.bad)
+
+    @property
+    def share(self) -> float:
+        """Of the file that is read, 0 to 1."""
+        return self._scanner.position / self.size
+
+
+def read_tlog(path: Path) -> Log:
+    """Read a whole tlog into memory. Raises LogError as `TlogReader` does."""
+    reader = TlogReader(path)
+    frames, rows = [], dict[Address, list[NDArray[np.float64]]]()
+    for block in reader:
+        frames.append(block.frames)
+        for address, found in block.rows.items():
+            rows.setdefault(address, []).append(found)
+    joined = {address: np.concatenate(rows.pop(address)) for address in sorted(rows)}
+    return Log(reader.path, reader.size, reader.data, join_frames(frames), reader.damage, reader.refused, joined)
 
 
 def map_log(path: Path) -> NDArray[np.uint8]:

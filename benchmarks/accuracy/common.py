@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from mavkf.config import Config
 from mavkf.replay.boot_clock import on_boot_clock
-from mavkf.replay.run import Options, SessionResult, chosen_vehicles, run_rows
+from mavkf.replay.options import Options, Watch
+from mavkf.replay.results import SessionResult
+from mavkf.replay.run import run_rows, vehicle_name
 from mavkf.replay.tlog import read_tlog
 from mavkf.service.vehicle import Step, VehicleStream
 
@@ -37,7 +39,7 @@ def read_rows(path: Path, config: Config, vehicle: str | None = None) -> Array:
     vehicle: `<sysid>-<compid>`, None: the first.
     """
     log = read_tlog(path)
-    address = chosen_vehicles(log, Options(vehicle=vehicle))[0]
+    address = next(found for found in log.vehicles() if vehicle in (None, vehicle_name(found)))
     return on_boot_clock(log.rows[address], config.timeline.window_s)[0]
 
 
@@ -46,10 +48,10 @@ def estimate(
     config: Config,
     as_live: bool = True,
     rate_hz: float = 50.0,
-    each: Callable[[VehicleStream, Step], object] | None = None,
+    step: Callable[[VehicleStream, Step], object] | None = None,
 ) -> SessionResult:
-    """The estimate of the first session of rows (n, ROW_WIDTH) in the order of arrival; each: as of `mavkf.replay.run.run`."""
-    return run_rows("1-1", rows, Options(as_live=as_live, rate_hz=rate_hz, config=config), each=each)[0][0]
+    """The estimate of the first session of rows (n, ROW_WIDTH) in the order of arrival; step: as of `mavkf.replay.options.Watch`."""
+    return run_rows("1-1", rows, Options(as_live=as_live, rate_hz=rate_hz, config=config), Watch(step=step))[0][0]
 
 
 def say(text: str) -> None:

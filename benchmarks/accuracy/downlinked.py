@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy.common import Array
 from mavkf.models.earth import SEMI_MAJOR_AXIS
-from mavkf.replay.run import SessionResult
+from mavkf.replay.results import SessionResult
 from mavkf.replay.tlog import Log
 from mavkf.replay.truth import Truth, errors
 from mavkf.samples import ARRIVAL, FIX, HEIGHT_AMSL, KIND, TIME, Kind

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.accuracy.common import QUANTITIES, Settings, cell, head, row
 from mavkf.config import Config
 from mavkf.replay.export import columns
-from mavkf.replay.run import Options
+from mavkf.replay.options import Options
 from mavkf.replay.run import run as replay
 from mavkf.replay.truth import SIGMAS, errors, read_truth
 

@@ -86,7 +86,7 @@ def measure(rows: Array, truth: Truth, config: Config, as_live: bool) -> dict[st
             s = live.estimator.state
             course.append((s[L.T], s[L.X + DELAY], np.sqrt(L.covariance(s)[DDELAY, DDELAY])))
 
-    session = estimate(rows, config, as_live, each=watch)
+    session = estimate(rows, config, as_live, step=watch)
     pose = columns(session.output.poses)
     at_stamps = errors(pose, truth, begin=BEGIN).statistics
     result: dict[str, Any] = {

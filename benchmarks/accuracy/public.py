@@ -12,8 +12,10 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
 from mavkf.navigation.records import model_name
 from mavkf.replay.export import columns
-from mavkf.replay.run import Options, Result
+from mavkf.replay.options import Options
+from mavkf.replay.results import Result
 from mavkf.replay.run import run as replay
+from mavkf.replay.tlog import Log, read_tlog
 from mavkf.replay.summary import estimated
 
 FOLDER = "public"
@@ -24,7 +26,7 @@ SETTLED = 50.0  # s of a session, before the pose is compared
 QUANTITIES = ("horizontal_m", "down_m", "velocity_ms", "tilt_deg", "yaw_deg")
 
 
-def measure(result: Result) -> dict[str, Any]:
+def measure(log: Log, result: Result) -> dict[str, Any]:
     """The figures of a log, all its sessions together."""
     sessions = [session for session in result.sessions if estimated(session)]
     innovations = np.concatenate([session.output.innovations for session in sessions])
@@ -32,9 +34,9 @@ def measure(result: Result) -> dict[str, Any]:
     reports: dict[str, list[NDArray[Any]]] = {name: [] for name in EKF}
     for session in sessions:
         poses = session.output.poses
-        apart = apart.plus(differences(result.log, session, columns(poses), float(poses[0, L.R_TIME]) + SETTLED))
+        apart = apart.plus(differences(log, session, columns(poses), float(poses[0, L.R_TIME]) + SETTLED))
         for name in EKF:
-            reports[name].append(messages_of(result.log, session, "EKF_STATUS_REPORT")[name])
+            reports[name].append(messages_of(log, session, "EKF_STATUS_REPORT")[name])
     fixes = innovations[innovations[:, L.I_SENSOR] == Sensor.GNSS_POSITION]
     longest = max(sessions, key=lambda session: session.output.poses.shape[0])
     sent = {name: np.concatenate(values) for name, values in reports.items()}
@@ -70,7 +72,7 @@ def run(settings: Settings) -> dict[str, Any]:
         if not any(estimated(session) for session in result.sessions):
             say(f"{name}: nothing could be estimated")
             continue
-        results[name] = measure(result)
+        results[name] = measure(read_tlog(log), result)
     _innovations(results)
     _differences(results)
     return results

@@ -8,7 +8,8 @@ from benchmarks.accuracy.common import QUANTITIES, Settings, cell, head, read_ro
 from benchmarks.accuracy.flights import FLIGHTS, measure
 from benchmarks.accuracy.outages import FLIGHT, STARTS, cut
 from mavkf.replay.export import columns
-from mavkf.replay.run import Options, run_rows
+from mavkf.replay.options import Options
+from mavkf.replay.run import run_rows
 from mavkf.replay.truth import errors, read_truth
 
 MOST_TILT, MOST_YAW = 0.6, 0.7  # of the bars of a live run

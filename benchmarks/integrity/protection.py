@@ -16,7 +16,8 @@ from benchmarks.integrity.intervals import clopper_pearson
 from mavkf.config import Config
 from mavkf.replay.export import columns
 from mavkf.replay.faults import Fault
-from mavkf.replay.run import Options, run_rows
+from mavkf.replay.options import Options
+from mavkf.replay.run import run_rows
 from mavkf.replay.truth import Truth, errors, read_truth
 
 SEED, DURATION = 60_000, 900.0  # of the first simulated flight, and s of each

@@ -14,7 +14,8 @@ from benchmarks.integrity.signs import refused, told
 from mavkf.config import Config
 from mavkf.navigation.estimator import Output
 from mavkf.replay.faults import Fault
-from mavkf.replay.run import Options, run_rows
+from mavkf.replay.options import Options
+from mavkf.replay.run import run_rows
 
 RATE = 10.0  # Hz: of the poses that are scored
 AFTERWARDS = 45.0  # s: scored after the end of a fault

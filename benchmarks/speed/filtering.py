@@ -16,7 +16,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.estimator import BUFFER, SessionEstimator
-from mavkf.navigation.events import SortedEvents
+from mavkf.navigation.events import EventOrder
 from mavkf.replay.boot_clock import on_boot_clock
 from mavkf.replay.tlog import read_tlog
 from mavkf.samples import GYRO, KIND, SOURCE, TIME, Kind, Source
@@ -50,8 +50,8 @@ def fold(flight: Flight, *, model: str | None = None, config: Config | None = No
         estimator = SessionEstimator(config, RATE_HZ, IMU, model)
         estimator._decide(flight.rows)
         assert estimator.setup is not None
-        events = SortedEvents(flight.rows, estimator.setup)
-        block = np.ascontiguousarray(events.block(0, len(events)))
+        order = EventOrder(estimator.setup, config.timeline.window_s)
+        block = np.concatenate(list(order.push(flight.rows, last=True)))
         out = L.buffers(16 * BUFFER, BUFFER, SENSORS)
         poses = np.empty((len(block), L.POSE_WIDTH))
 

@@ -28,8 +28,8 @@ def print_summary(console: Console, summary: dict[str, Any], findings: bool = Fa
     time = summary["time"]
     line()
     line(
-        f"{time['flown_s']:.1f} s of flight in {time['read_s'] + time['estimate_s']:.2f} s "
-        f"(reading {time['read_s']:.2f} s, estimating {time['estimate_s']:.2f} s): {time['times_real_time']:.0f} times real time"
+        f"{time['flown_s']:.1f} s of flight in {time['total_s']:.2f} s "
+        f"(reading, meanwhile, {time['read_s']:.2f} s): {time['times_real_time']:.0f} times real time"
     )
 
 

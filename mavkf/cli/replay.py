@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import IO, Annotated, Any
 
@@ -15,9 +15,11 @@ from mavkf.config import settings as known_settings
 from mavkf.errors import UsageError
 from mavkf.estimate import Pose, Record
 from mavkf.publish.records import encode
-from mavkf.replay.export import write_csv
+from mavkf.replay.export import CsvFile
 from mavkf.replay.faults import describe, parse_fault
-from mavkf.replay.run import Options, Result, imu_source, run
+from mavkf.replay.options import NOBODY, Options, Watch, imu_source
+from mavkf.replay.results import Result
+from mavkf.replay.run import run
 from mavkf.replay.summary import estimated, summarise
 from mavkf.replay.tlog import map_log
 from mavkf.service.vehicle import Step, VehicleStream
@@ -120,6 +122,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
     with (
         _progress(max(logs, key=_size)) as progress,
         _pose_file(jsonl) as file,
+        CsvFile(csv) if csv is not None else nullcontext() as table,
         _publishing(publish, connect, listen, zenoh_config) as send,
     ):
 
@@ -132,8 +135,13 @@ def replay(  # noqa: D417 (the rest is described in _console)
             elif file is not None:
                 file.writelines(encode(pose) + b"\n" for pose in stream.poses(step))
 
-        result = run(logs, options, progress, each if file is not None or send is not None else None)
-    rows = write_csv(csv, result.sessions) if csv is not None else None
+        watch = Watch(
+            progress=progress,
+            step=each if file is not None or send is not None else None,
+            poses=table.take if table is not None else None,
+        )
+        result = run(logs, options, watch, keep=plot is not None)
+        rows = table.finish(dict.fromkeys(session.vehicle for session in result.sessions)) if table is not None else None
     _report(result, json, diagnose)
     if not result.sessions:
         say("nothing was estimated: no IMU or GNSS sample with a boot time lies in what was asked for (--from, --to)")
@@ -186,10 +194,10 @@ def _size(log: Path) -> int:
 
 
 @contextmanager
-def _progress(log: Path) -> Iterator[Callable[[str, float], object] | None]:
+def _progress(log: Path) -> Iterator[Callable[[str, float], object]]:
     """A progress bar on stderr for a long file in a terminal, else nothing."""
     if not (sys.stderr.isatty() and _size(log) > LONG_BYTES):
-        yield None
+        yield NOBODY.progress
         return
     from rich.progress import Progress
 

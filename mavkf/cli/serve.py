@@ -155,7 +155,7 @@ def serve(  # noqa: D417 (the rest is described in _console)
         raise UsageError("--allow-unsigned is about --signing-key: without a key signatures are not looked at")
 
     from mavkf.navigation.setup import MODELS
-    from mavkf.replay.run import imu_source
+    from mavkf.replay.options import imu_source
     from mavkf.service.belief import Belief
     from mavkf.service.fleet import Options
     from mavkf.service.metrics import place

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import kernel
+from mavkf.compiled import kernel, long_kernel
 from mavkf.samples import CLOCK, KIND, ROW_WIDTH, SESSION, STAMP, TIME, UNIX_US, Clock, Kind
 
 MS_WRAP_US = 2.0**32 * 1e3
@@ -213,7 +213,7 @@ def release(state: Any, held: Any, out: Any) -> None:
             state[LATE if boot_us < state[NEWEST] else BAD_STAMPS] += 1
 
 
-@kernel
+@long_kernel
 def advance(rows: Any, state: Any, held: Any, out: Any) -> None:
     """Judge rows one by one; write those that are decided to `out` (at least rows + held)."""
     state[WRITTEN] = 0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf import samples as s
-from mavkf.compiled import kernel
+from mavkf.compiled import kernel, long_kernel
 from mavkf.link import conversions as c
 from mavkf.link.framing import readonly
 from mavkf.link.rules import FIRST_UNIX_US, NOT_FINITE, OTHER_INSTANCES, WRITTEN, message_rows
@@ -70,7 +70,7 @@ def stamp(values: Any) -> tuple[float, int]:
     return nan, NO_CLOCK
 
 
-@kernel
+@long_kernel
 def frame_rows(
     data: Any,
     frames: Any,

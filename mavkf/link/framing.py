@@ -4,14 +4,14 @@ MAVLink 1 and 2, signed or not. A frame counts when its CRC holds; after damage 
 does, so nothing that is whole is lost to what stands before it. Every byte is accounted for in `FrameCounts`.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import kernel
+from mavkf.compiled import kernel, long_kernel
 from mavkf.link.crc import frame_crc
 from mavkf.link.layouts import CRC_EXTRA, HIGHEST_ID, KNOWN, MAX_LENGTH, frame_table
 
@@ -31,10 +31,11 @@ FRAME = np.dtype(
 )
 """One frame; scanners return arrays of these."""
 
+_PLAIN = np.dtype((np.void, FRAME.itemsize))  # concatenated ten times faster than fields are
 STAMP_SIZE = 8
 NO_STAMP = -1
-BLOCK = 1 << 16
-"""Frames found in one compiled call, between two calls of `progress`."""
+BLOCK = 1 << 14
+"""Frames found in one compiled call: what is made of them fits into the processor's cache."""
 
 FRAMES, BAD_CRC, UNKNOWN, STRAY, TRUNCATED, BAD_STAMPS, FRAME_BYTES, BAD_BYTES, UNKNOWN_BYTES, TAIL_BYTES = range(10)
 
@@ -143,7 +144,7 @@ def classify(data: Any, begin: int, stop: int, head: int, last: bool, table: Any
             in_step = False
 
 
-@kernel
+@long_kernel
 def scan(data: Any, begin: int, head: int, last: bool, table: Any, frames: Any, counts: Any) -> tuple[int, int]:
     """Fill `frames` with the frames of data[begin:]; return how many, and the first byte not consumed.
 
@@ -199,27 +200,46 @@ def readonly(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return data
 
 
-def scan_records(
-    data: NDArray[np.uint8], progress: Callable[[float], object] | None = None, *, stamped: bool = True
-) -> tuple[NDArray[np.void], FrameCounts]:
-    """Find all frames of a tlog (or, not `stamped`, of raw bytes): array of `FRAME`, in file order, and the counts.
+class Scanner:
+    """Finds the frames of a tlog (or, not `stamped`, of raw bytes) block by block, so that a log of any length needs little memory.
 
-    data: uint8, mapped or in memory. progress: called with the fraction done, now and then. Stamps are as in the file:
-    see `mavkf.link.stamps` for those that cannot be true. Never raises, whatever the bytes are.
+    for frames in Scanner(data): ...    # arrays of `FRAME`, in file order
+
+    Never raises, whatever the bytes are. Stamps are as in the file: see `mavkf.link.stamps` for those that cannot be true.
     """
-    data = readonly(data)
-    table = frame_table()
-    counts = np.zeros(len(FrameCounts.__annotations__), np.int64)
-    blocks = []
-    position = 0
-    while position < data.size:
-        block = np.empty(min(BLOCK, data.size // 8 + 1), FRAME)
-        found, position = scan(data, position, STAMP_SIZE if stamped else 0, True, table, block, counts)
-        blocks.append(block[:found])
-        if progress is not None:
-            progress(position / data.size)
-    frames = np.concatenate(blocks) if blocks else np.empty(0, FRAME)
-    return frames, FrameCounts(*counts.tolist())
+
+    def __init__(self, data: NDArray[np.uint8], *, stamped: bool = True) -> None:
+        """data: uint8, mapped or in memory."""
+        self._data = readonly(data)
+        self._head = STAMP_SIZE if stamped else 0
+        self._counts = np.zeros(len(FrameCounts.__annotations__), np.int64)
+        self.position = 0
+        """Bytes that are done."""
+
+    @property
+    def counts(self) -> FrameCounts:
+        """Everything consumed so far."""
+        return FrameCounts(*self._counts.tolist())
+
+    def __iter__(self) -> Iterator[NDArray[np.void]]:
+        table = frame_table()
+        while self.position < self._data.size:
+            frames = np.empty(min(BLOCK, self._data.size // 8 + 1), FRAME)
+            found, self.position = scan(self._data, self.position, self._head, True, table, frames, self._counts)
+            yield frames[:found]
+
+
+def scan_records(data: NDArray[np.uint8], *, stamped: bool = True) -> tuple[NDArray[np.void], FrameCounts]:
+    """Find all frames as a `Scanner` does, at once: array of `FRAME`, in file order, and the counts."""
+    scanner = Scanner(data, stamped=stamped)
+    return join_frames(list(scanner)), scanner.counts
+
+
+def join_frames(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Concatenate arrays of `FRAME`."""
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate([np.empty(0, _PLAIN), *(part.view(_PLAIN) for part in parts)]).view(FRAME)
 
 
 class FrameStream:

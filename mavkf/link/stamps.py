@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.compiled import kernel
+from mavkf.link.framing import FRAME, join_frames
 
 NEAR_US = 60_000_000
 CLOSE_US = 1_000_000
@@ -29,11 +30,13 @@ def confirmed(stamps: Any, i: int) -> bool:
 
 
 @kernel
-def repair(stamps: Any) -> int:
-    """Overwrite stamps (n, int64 microseconds) that cannot be true by their predecessor's; return how many."""
+def repair(stamps: Any, last: int, stop: int) -> tuple[int, int]:
+    """Overwrite those before index `stop` of stamps (n, int64 microseconds) that cannot be true by their predecessor's.
+
+    last: the newest true stamp before them, -1: there was none. Returns how many were not true, and the newest that is.
+    """
     bad = 0
-    last = -1
-    for i in range(stamps.size):
+    for i in range(stop):
         stamp = stamps[i]
         sane = 0 <= stamp < LATEST_US
         if sane and last < 0:
@@ -53,12 +56,30 @@ def repair(stamps: Any) -> int:
             for j in range(i):
                 stamps[j] = stamp
         last = stamp
-    return bad
+    return bad, last
 
 
-def repair_stamps(frames: NDArray[np.void]) -> int:
-    """Repair the stamps of a tlog's frames in place; return how many were missing or could not be true."""
-    stamps = np.ascontiguousarray(frames["stamp"])
-    bad = int(repair(stamps))
-    frames["stamp"] = stamps
-    return bad
+class StampRepair:
+    """Repairs the stamps of a tlog's frames block by block; the last few of a block wait for those that follow."""
+
+    def __init__(self) -> None:
+        """Nothing has come yet."""
+        self.bad = 0
+        """How many were missing or could not be true."""
+        self._last = -1
+        self._waiting = np.empty(0, FRAME)
+
+    def push(self, frames: NDArray[np.void], *, last: bool = False) -> NDArray[np.void]:
+        """Take frames (of `FRAME`, in file order); return those whose stamps are certain by now, all if these were the last.
+
+        A stamp is 0 where none has been true yet: a file of bare frames has none.
+        """
+        frames = join_frames([self._waiting, frames])
+        stop = len(frames) if last else max(len(frames) - FOLLOWERS, 0)
+        stamps = np.ascontiguousarray(frames["stamp"])
+        bad, self._last = repair(stamps, self._last, stop)
+        self.bad += bad
+        self._waiting = frames[stop:].copy()
+        frames = frames[:stop]
+        frames["stamp"] = np.maximum(stamps[:stop], 0)
+        return frames

@@ -4,10 +4,10 @@
     for output in estimator.push(rows): ...      # live: rows in the order of arrival, as they come
     for output in estimator.finish(): ...        # what was still waiting for the set-up
 
-or, offline, `run_offline(rows, config)`: the same events in the order in which they were measured, in one go.
+Offline, in the order in which they were measured, `mavkf.navigation.offline` does it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -19,22 +19,19 @@ from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS
-from mavkf.navigation.events import SortedEvents, select, to_events
+from mavkf.navigation.events import select, to_events
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
 from mavkf.samples import KIND, TIME, Kind, Source
 
 if TYPE_CHECKING:
-    from mavkf.navigation.any_form import FormRun
     from mavkf.navigation.fixed_lag import FixedLag
 
 Array = NDArray[np.float64]
 LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
 HISTORY = 16_384  # events kept for late ones: five seconds at 3 kHz
 BUFFER = 1_024
-FORWARD_SHARE = 0.3  # of the work of a run with a second pass
-BLOCK = 16_384  # events of an offline run that are made at once
 EARLY = 256  # rows kept from before the first sensor's
 
 
@@ -189,82 +186,6 @@ def fold_counts(state: Array) -> dict[str, int]:
         "without_fix": int(state[L.NO_FIX]),
         "imu_gaps": int(state[L.GAP_COUNT]),
     }
-
-
-class Offline(msgspec.Struct):
-    """An offline run: its set-up, what it wrote, the final state, the parameters.
-
-    hindsight: what smoothing made of the flight, in words; form: what another form was, where it made the pose rows.
-    """
-
-    setup: Setup
-    output: Output
-    state: Array
-    parameters: Array
-    hindsight: tuple[str, ...] = ()
-    form: "FormRun | None" = None
-
-
-def run_offline(
-    rows: Array,
-    config: Config,
-    rate_hz: float = 50.0,
-    imu: Source | None = None,
-    model: str | None = None,
-    progress: Callable[[float], object] | None = None,
-    smoothing: bool = False,
-    form: tuple[str, str] | None = None,
-) -> Offline:
-    """Fold a session's rows (n, ROW_WIDTH; in the order of arrival) in the order in which they were measured.
-
-    progress: called with the share that is done, now and then; smoothing: whether the pose rows are smoothed by what came later;
-    form: names of a form of `mavkf.filters` and an order, whose pose rows are wanted instead (then not smoothed).
-    """
-    decider = SessionEstimator(config, rate_hz, imu, model)
-    decider._decide(rows)
-    if decider.setup is None:
-        decider._start(rows)
-    setup = decider.setup
-    assert setup is not None
-    c = decider.parameters
-    events = SortedEvents(rows, setup)
-    state = decider.state
-    start = state.copy()
-    part = progress or (lambda _: None)
-    share = FORWARD_SHARE if smoothing or form else 1.0
-    out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice
-    poses = np.empty((len(events), L.POSE_WIDTH))  # most of it is never touched, where rows are thinned
-    parts: list[Output] = []
-    count, slot = 0, -1
-    for first in range(0, len(events), BLOCK):
-        block = events.block(first, first + BLOCK)
-        i = 0
-        while i < block.shape[0]:
-            out[2][:] = 0
-            i, n, slot = timeline.run_batch(state, block, i, slot, c, rate_hz, poses[count:], out)
-            count += n
-            parts.append(Output(poses[:0], out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy()))
-        part(share * min(1.0, (first + BLOCK) / len(events)))
-    output = joined(parts)
-    output.poses = poses[:count]
-    words: tuple[str, ...] = ()
-    flown: FormRun | None = None
-
-    def second(done: float) -> object:
-        return part(share + (1.0 - share) * done)
-
-    if form is not None:  # what few runs need is imported for them
-        from mavkf.navigation.form_flight import fly
-
-        flown = fly(start, events, c, rate_hz, *form, output.poses, second)
-    elif smoothing:
-        from mavkf.navigation.hindsight import look_back
-        from mavkf.navigation.smoother import smooth
-
-        hindsight = look_back(state, output.innovations, output.notes)
-        words = hindsight.words
-        smooth(start, events, c, rate_hz, hindsight, output.poses, second)
-    return Offline(setup, output, state, c, words, flown)
 
 
 def joined(parts: list[Output]) -> Output:

@@ -1,5 +1,7 @@
 """The events of a session from its sample rows: which rows the fold gets, in the body's frame, with the time of measurement."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,7 @@ from mavkf.samples import (
     KIND,
     LATITUDE,
     LONGITUDE,
+    ROW_WIDTH,
     SEQUENCE,
     SOURCE,
     TIME,
@@ -29,6 +32,8 @@ from mavkf.samples import (
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 KINDS, SOURCES = max(Kind) + 1, max(Source) + 1
+BLOCK = 16_384  # events that are made at once
+SLACK = 1e-3  # s: boot times are whole microseconds, but for rounding
 
 
 def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
@@ -91,21 +96,38 @@ def delays(setup: Setup) -> Array:
     return found
 
 
-class SortedEvents:
-    """The events of rows (n, ROW_WIDTH; in the order of arrival) in the order of measurement, made as they are needed."""
+class EventOrder:
+    """Puts events into the order of measurement, block by block: what might still be overtaken waits.
 
-    def __init__(self, rows: Array, setup: Setup) -> None:
-        """rows are kept, not copied."""
-        self._rows, self._setup = np.ascontiguousarray(rows), setup
-        chosen = np.flatnonzero(select(rows, setup))
-        kind = rows[chosen, KIND]
-        time = rows[chosen, TIME] - delays(setup)[kind.astype(np.int64)]
-        self._number = order(time, kind, rows[chosen, SOURCE], rows[chosen, SEQUENCE])
-        self._index = chosen[self._number]
+    No row may be older than the newest before it by more than the window, as the boot clock has it (`mavkf.link.clocks`).
+    """
 
-    def __len__(self) -> int:
-        return len(self._index)
+    def __init__(self, setup: Setup, window_s: float) -> None:
+        """window_s: how late a row may be, s."""
+        self._setup = setup
+        self._wait = window_s + float(delays(setup).max()) + SLACK
+        self._rows = np.empty((0, ROW_WIDTH))
+        self._numbers = np.empty(0, dtype=np.int64)
+        self._next = 0
+        self._newest = -np.inf
 
-    def block(self, first: int, last: int) -> Array:
-        """Events first..last (m, EVENT_WIDTH), by `timeline.precedes`; equal ones keep their order."""
-        return _events_at(self._rows, self._index[first:last], self._number[first:last], self._setup)
+    def push(self, rows: Array, *, last: bool = False) -> Iterator[Array]:
+        """Take rows (n, ROW_WIDTH) in the order of arrival; give the events (m, EVENT_WIDTH) that nothing can come before any more.
+
+        last: nothing follows, so that all are given. They come in blocks, by `timeline.precedes`; equal ones keep their order.
+        """
+        chosen = rows[select(rows, self._setup)]
+        numbers = self._next + np.arange(len(chosen))
+        self._next += len(chosen)
+        if len(rows):
+            self._newest = max(self._newest, float(np.fmax.reduce(rows[:, TIME])))
+        waiting, numbers = np.concatenate([self._rows, chosen]), np.concatenate([self._numbers, numbers])
+        kind = waiting[:, KIND]
+        time = waiting[:, TIME] - delays(self._setup)[kind.astype(np.int64)]
+        index = order(time, kind, waiting[:, SOURCE], waiting[:, SEQUENCE])
+        ready = len(index) if last else int(np.searchsorted(time[index], self._newest - self._wait))
+        kept = np.sort(index[ready:])
+        self._rows, self._numbers = waiting[kept], numbers[kept]
+        for first in range(0, ready, BLOCK):
+            some = index[first : min(first + BLOCK, ready)]
+            yield _events_at(waiting, some, numbers[some], self._setup)

@@ -77,7 +77,9 @@ class FixedLag:
         ends = np.searchsorted(events[:, TIME], (self._behind + HOP, self._behind + HOP + self._lag), side="right")
         first, window = events[: ends[0]], events[: ends[1]]
         poses = np.empty((len(window), L.POSE_WIDTH))
-        smooth(self._state.copy(), Window(window), self._c, self._rate, NOTHING_KNOWN, poses, _nobody, self._slot)
+        smoothed = smooth(self._state.copy(), Window(window), self._c, self._rate, NOTHING_KNOWN, _nobody, self._slot)
+        for row, some in smoothed:
+            poses[row : row + len(some)] = some
         # the state itself goes on without the smoother's hindsight
         held, faults, out = NOTHING_KNOWN.held, NOTHING_KNOWN.faults, L.buffers(ROOM, ROOM, SENSORS)
         self._slot, count = smoothing.fold_block(

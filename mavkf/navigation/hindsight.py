@@ -27,8 +27,29 @@ class Hindsight(msgspec.Struct):
 NOTHING_KNOWN = Hindsight(np.empty((0, 2)), np.empty((0, 3)), ())
 
 
-def look_back(state: Array, innovations: Array, notes: Array) -> Hindsight:
-    """Learn from a pass over a flight: its final state, all innovation rows (n, INNOVATION_WIDTH) and notes (n, NOTE_WIDTH).
+class Surprise:
+    """How much the fused positions of a flight surprised: NIS of each axis, summed up as they come."""
+
+    def __init__(self) -> None:
+        """Nothing has come yet."""
+        self.count = 0
+        self._nis = np.zeros(3)
+
+    def take(self, innovations: Array) -> None:
+        """Take innovation rows (n, INNOVATION_WIDTH)."""
+        position = innovations[:, L.I_SENSOR] == Sensor.GNSS_POSITION.value
+        mine = innovations[position & (innovations[:, L.I_FUSED] > 0.0)]
+        self.count += len(mine)
+        variances = mine[:, [L.I_S, L.I_S + 4, L.I_S + 8]]
+        self._nis += np.sum(mine[:, L.I_R : L.I_R + 3] ** 2 / variances, axis=0)
+
+    def mean(self, axes: slice) -> float:
+        """Mean over some axes."""
+        return float(np.mean(self._nis[axes])) / self.count
+
+
+def look_back(state: Array, surprise: Surprise, notes: Array) -> Hindsight:
+    """Learn from a pass over a flight: its final state, how its positions surprised, and all notes (n, NOTE_WIDTH).
 
     The wander of a receiver and the motion look alike to a smoother wherever the wander is allowed to be large. A filter has to
     allow it before it knows; afterwards it is known. Where the positions surprised so little that they do not wander (`CALM`, mean NIS
@@ -37,14 +58,11 @@ def look_back(state: Array, innovations: Array, notes: Array) -> Hindsight:
     """
     held: list[tuple[float, float]] = []
     words: list[str] = []
-    mine = innovations[(innovations[:, L.I_SENSOR] == Sensor.GNSS_POSITION.value) & (innovations[:, L.I_FUSED] > 0.0)]
-    variances = mine[:, [L.I_S, L.I_S + 4, L.I_S + 8]]
-    nis = mine[:, L.I_R : L.I_R + 3] ** 2 / variances
     for axis, (where, columns) in enumerate(AXES):
-        if not mine.shape[0]:
+        if not surprise.count:
             break
         sigma, tau = state[L.COLOUR + axis], state[L.COLOUR_TIME + axis]
-        if float(np.mean(nis[:, columns])) < CALM:
+        if surprise.mean(columns) < CALM:
             held.append((L.COLOUR_TIME + axis, CONSTANT))
             words.append(f"smoothed: {where} the GNSS position does not wander, so its error is a constant")
         else:

@@ -1,10 +1,10 @@
 """Fixed-interval smoothing of a session: a second pass with checkpoints, then block by block from the last to the first.
 
-The fold is deterministic, so what a backward pass needs is made again when it is needed: memory grows by a checkpoint for each
-BLOCK of events and has the tape of one block, not the states times the steps.
+The fold is deterministic, so what a backward pass needs is made again when it is needed: in memory is the tape of one block of events,
+and what stands at the beginning of each block goes to a file where it becomes much.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING
 from mavkf.navigation.hindsight import Hindsight
 from mavkf.navigation.parameter import Parameter
+from mavkf.navigation.spool import Spool
 
 Array = NDArray[np.float64]
 BLOCK = 1024  # events
@@ -56,33 +57,36 @@ def smooth(
     c: Array,
     rate_hz: float,
     hindsight: Hindsight,
-    poses: Array,
     progress: Callable[[float], object],
     slot: int = -1,
-) -> None:
-    """Replace the pose rows (n, POSE_WIDTH) of an offline run by smoothed ones.
+) -> Iterator[tuple[int, Array]]:
+    """Give the pose rows of an offline run smoothed, block by block from the last to the first: number of the first row, rows (n, POSE_WIDTH).
 
-    state: (STATE_SIZE,) as it was before the first event, is used up; c: parameters; progress: called with the share that
-    is done; slot: output interval of the last row before.
+    The rows are a view that is used again. state: (STATE_SIZE,) as it was before the first event, is used up; c: parameters; progress:
+    called with the share that is done; slot: output interval of the last row before.
     """
     c, delay = without_delay(state, c)
     held, faults = hindsight.held, hindsight.faults
-    marks: list[tuple[Array, int, int]] = []  # state, output interval and pose row before each block
-    row = 0
     out = L.buffers(ROOM, ROOM, SENSORS)
+    poses = np.empty((BLOCK, L.POSE_WIDTH))
     count = len(events)
     starts = range(0, count, BLOCK)
-    for first in starts:
-        marks.append((state[: L.STATE_SIZE if state[L.SECOND] else L.HALF].copy(), slot, row))
-        block = events.block(first, first + BLOCK)
-        slot, row = smoothing.fold_block(state, block, slot, row, c, rate_hz, held, faults, poses, out)
-        progress(SECOND_PASS_SHARE * first / count)
-    out = L.buffers(ROOM, ROOM, SENSORS, T.BEGIN + ENTRIES * BLOCK + SLACK)
-    adjoint, Adjoint = np.zeros(STATES_MOST), np.zeros((STATES_MOST, STATES_MOST))
-    for first in reversed(starts):
-        mark, slot, row = marks.pop()
-        state[:] = 0.0
-        state[: mark.size] = mark
-        smoothing.fold_block(state, events.block(first, first + BLOCK), slot, row, c, rate_hz, held, faults, poses, out)
-        smoothing.sweep(out[5], adjoint, Adjoint, poses, delay)
-        progress(1.0 - (1.0 - SECOND_PASS_SHARE) * first / count)
+    with Spool(L.STATE_SIZE) as marks:  # state before each block
+        slots, rows = [], [0]  # output interval before each block, and number of its first row
+        for first in starts:
+            marks.append(state[None])
+            slots.append(slot)
+            block = events.block(first, first + BLOCK)
+            slot, made = smoothing.fold_block(state, block, slot, 0, c, rate_hz, held, faults, poses, out)
+            rows.append(rows[-1] + made)
+            progress(SECOND_PASS_SHARE * first / count)
+        out = L.buffers(ROOM, ROOM, SENSORS, T.BEGIN + ENTRIES * BLOCK + SLACK)
+        adjoint, Adjoint = np.zeros(STATES_MOST), np.zeros((STATES_MOST, STATES_MOST))
+        for k in reversed(range(len(starts))):
+            first = starts[k]
+            state[:] = marks.block(k, k + 1)[0]
+            block = events.block(first, first + BLOCK)
+            made = smoothing.fold_block(state, block, slots[k], 0, c, rate_hz, held, faults, poses, out)[1]
+            smoothing.sweep(out[5], adjoint, Adjoint, poses, delay)
+            yield rows[k], poses[:made]
+            progress(1.0 - (1.0 - SECOND_PASS_SHARE) * first / count)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import kernel, long_kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import fold
 from mavkf.navigation.parameter import Parameter
@@ -67,7 +67,7 @@ def order(time: np.ndarray, kind: np.ndarray, source: np.ndarray, sequence: np.n
     return index
 
 
-@kernel
+@long_kernel
 def place_events(rows, index, numbers, delays, events):
     """Fill events (m, EVENT_WIDTH) with the rows at an index (m,), their running numbers (m,) and times of measurement.
 
@@ -107,7 +107,7 @@ def is_full(count, poses, out):
     return count >= poses.shape[0] or counts[0] + ROOM > out[0].shape[0] or counts[1] + ROOM > out[1].shape[0]
 
 
-@kernel
+@long_kernel
 def run_batch(s, events, first, slot, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.
 

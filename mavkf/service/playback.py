@@ -1,6 +1,6 @@
 """Logs in place of a link: merged by arrival, and when each frame is due."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.link.decode import DecodeCounts, decode
-from mavkf.link.framing import FrameCounts
-from mavkf.replay.tlog import Log, read_tlog
+from mavkf.link.framing import BLOCK, FrameCounts
+from mavkf.replay.tlog import Block, Log, TlogReader, read_tlog
 from mavkf.service.duplicates import Duplicates
 from mavkf.service.recorder import label_of
 
@@ -54,24 +54,40 @@ def _links(logs: Sequence[Log]) -> NDArray[np.int64]:
     return np.array([k if label is None else labels.index(label) for k, label in enumerate(labels)])
 
 
-def read_together(paths: Sequence[Path], progress: Callable[[float], object] | None = None) -> Log:
-    """Read the tlogs of several links of one flight as one log, merged as a service that heard them all took them.
+class MergedReader:
+    """The tlogs of several links of one flight, read as one log, merged as a service that heard them all took them.
 
-    progress: called with the share of the files that is read. Raises LogError.
+    As `mavkf.replay.tlog.TlogReader`, but for the memory: which frames are in which log has to be known first.
     """
-    logs = []
-    for k, path in enumerate(paths):
-        part = (lambda share, k=k: progress((k + share) / len(paths))) if progress is not None else None
-        logs.append(read_tlog(path, part))
-    if len(logs) == 1:
-        return logs[0]
-    data, frames, _ = merge(logs)
-    damage = FrameCounts(
-        *(sum(counts) for counts in zip(*(log.damage.as_dict().values() for log in logs), strict=True))
-    )
-    refused = DecodeCounts()
-    rows = decode(data, frames, refused)
-    return Log(Path(" + ".join(map(str, paths))), sum(log.size for log in logs), data, frames, damage, refused, rows)
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        """Raises LogError."""
+        logs = [read_tlog(path) for path in paths]
+        self._merged = merge(logs)
+        self._done = 0
+        self.name = " + ".join(map(str, paths))
+        self.size = sum(log.size for log in logs)
+        self.damage = FrameCounts(
+            *(sum(counts) for counts in zip(*(log.damage.as_dict().values() for log in logs), strict=True))
+        )
+        self.refused = DecodeCounts()
+
+    def __iter__(self) -> Iterator[Block]:
+        data, frames, _ = self._merged
+        for first in range(0, len(frames), BLOCK):
+            some = frames[first : first + BLOCK]
+            yield Block(some, decode(data, some, self.refused))
+            self._done = first + len(some)
+
+    @property
+    def share(self) -> float:
+        """Of the frames that is read, 0 to 1."""
+        return self._done / max(len(self._merged.frames), 1)
+
+
+def reader_of(paths: Sequence[Path]) -> TlogReader | MergedReader:
+    """Give what reads the logs of one flight block by block. Raises LogError."""
+    return TlogReader(paths[0]) if len(paths) == 1 else MergedReader(paths)
 
 
 def due_times(stamps: NDArray[np.int64], speed: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -16,11 +16,12 @@ from mavkf.compiled import compile_apart, is_shared, is_warm, mark_warm
 from mavkf.config import Config
 from mavkf.link.clocks import VehicleClock
 from mavkf.link.decode import decode
+from mavkf.decimals import lines
 from mavkf.link.framing import FrameStream, scan_records
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids
-from mavkf.link.stamps import repair_stamps
-from mavkf.navigation.estimator import run_offline
+from mavkf.link.stamps import StampRepair
+from mavkf.navigation.offline import run_offline
 from mavkf.navigation.setup import MODELS
 from mavkf.service.vehicle import VehicleStream
 
@@ -61,6 +62,7 @@ def compile_all() -> None:
             for _ in live.records(step):
                 pass
         run_offline(_timed(rows), Config(), model=model)
+    lines(np.zeros((1, 1)), [1], b"", [b""], np.zeros(1, np.int64))
     mark_warm()
 
 
@@ -97,7 +99,7 @@ def _rows() -> NDArray[np.float64]:
     log = b"".join(stamp.to_bytes(8, "big") + frame for stamp, frame in flight())
     data = np.frombuffer(log, np.uint8)
     frames, _ = scan_records(data)
-    repair_stamps(frames)
+    frames = StampRepair().push(frames, last=True)
     gather(data, frames[frames["message"] == message_ids()["RAW_IMU"]], "RAW_IMU")
     FrameStream().push(b"".join(frame for _, frame in flight()), BEGIN_US, last=True)
     rows = decode(data, frames)[1, 1]

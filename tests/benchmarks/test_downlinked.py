@@ -9,9 +9,10 @@ from mavkf.link.clocks import ClockCounts
 from mavkf.navigation.estimator import Output
 from mavkf.navigation.setup import choose
 from mavkf.replay.boot_clock import on_boot_clock
-from mavkf.replay.run import SessionResult
+from mavkf.replay.results import SessionResult
 from mavkf.replay.simulation import simulate
 from mavkf.replay.simulation.flight import ESTIMATE_AGE, ESTIMATE_SPEED
+from mavkf.replay.tally import Tally
 from mavkf.replay.tlog import Log, read_tlog
 from mavkf.replay.truth import SPEEDS, Truth
 
@@ -27,7 +28,9 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Truth, Log, Sessio
     return (
         truth,
         log,
-        SessionResult("1-1", 0, choose(rows, Config()), rows, Output(nothing, nothing, nothing), {}, nothing, nothing),
+        SessionResult(
+            "1-1", 0, choose(rows, Config()), Tally(), rows, Output(nothing, nothing, nothing), {}, nothing, nothing
+        ),
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import settings
 
 from mavkf.compiled import link_apart
-from mavkf.navigation.estimator import Offline, run_offline
+from mavkf.navigation.offline import Offline, run_offline
 
 from ._session import CONFIG, session
 

@@ -11,8 +11,8 @@ from mavkf.models.strapdown import DDELAY
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.codes import SENSORS, NoteCode
-from mavkf.navigation.estimator import Offline, run_offline
-from mavkf.navigation.events import SortedEvents
+from mavkf.navigation.offline import Offline, run_offline
+from mavkf.navigation.events import EventOrder
 from mavkf.navigation.form_flight import ENTRIES
 from mavkf.navigation.form_steps import FormSteps
 from mavkf.navigation.propagation import begin
@@ -105,7 +105,7 @@ def test_other_orders_differ_by_little_and_stay_near_the_truth(rows: Array, batc
 
 def test_a_tape_in_detail_changes_no_bit(eventful: Array) -> None:
     done = run_offline(eventful, IMPATIENT)
-    events = SortedEvents(eventful, done.setup)
+    events = np.concatenate(list(EventOrder(done.setup, 3.0).push(eventful, last=True)))
     states, poses = [], np.empty((5000, L.POSE_WIDTH))
     for size in (0, T.BEGIN + ENTRIES * len(events) // 4):
         state, out = np.empty(L.STATE_SIZE), L.buffers(512, 512, SENSORS, size)
@@ -113,7 +113,7 @@ def test_a_tape_in_detail_changes_no_bit(eventful: Array) -> None:
         if size:
             out[5][T.MODE] = T.DETAILED
         for first in range(0, len(events), 256):
-            block = events.block(first, first + 256)
+            block = events[first : first + 256]
             fold_block(state, block, 0, 0, done.parameters, 1e-9, np.empty((0, 2)), np.empty((0, 3)), poses, out)
         states.append(state)
     np.testing.assert_array_equal(states[0].view(np.uint64), states[1].view(np.uint64))

@@ -7,7 +7,7 @@ from mavkf.config import with_settings
 from mavkf.models.earth import gravity
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Flag, ModeCode, NoteCode, Reason, Sensor
-from mavkf.navigation.estimator import Offline, run_offline
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.propagation import COAST_RATE, coast
 from mavkf.samples import FIELD, FIX, HEIGHT_AMSL, KIND, LATITUDE, TIME, Kind
 

@@ -11,7 +11,7 @@ from mavkf.models.vehicle_class import FACTOR, WIND
 from mavkf.navigation import layout as L
 from mavkf.navigation.classes import used_class
 from mavkf.navigation.codes import Sensor
-from mavkf.navigation.estimator import Offline, run_offline
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.setup import choose, parameters
 from mavkf.samples import DIFFERENTIAL_PRESSURE, GYRO, KIND, PRESSURE, TIME, VEHICLE_TYPE, Kind

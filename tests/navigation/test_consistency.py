@@ -8,7 +8,7 @@ import pytest
 from mavkf.config import with_settings
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
-from mavkf.navigation.estimator import run_offline
+from mavkf.navigation.offline import run_offline
 
 from ._session import CONFIG, ORIGIN, RADII, motion, session
 

@@ -7,7 +7,7 @@ import sympy
 from mavkf.models.strapdown import TOP, N
 from mavkf.navigation import layout as L
 from mavkf.navigation.covariance import propagate_covariance
-from mavkf.navigation.estimator import Offline
+from mavkf.navigation.offline import Offline
 
 Array = np.ndarray
 

@@ -5,7 +5,7 @@ import pytest
 
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Sensor
-from mavkf.navigation.estimator import run_offline
+from mavkf.navigation.offline import run_offline
 from mavkf.samples import GNSS_YAW, KIND, TIME, Kind
 
 from ._session import CONFIG, motion, session

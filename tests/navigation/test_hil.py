@@ -13,7 +13,7 @@ from mavkf.link.decode import decode
 from mavkf.link.framing import scan_records
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
-from mavkf.navigation.estimator import Offline, run_offline
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.samples import (
     ACCEL,
     FIELD,

@@ -9,7 +9,7 @@ from mavkf.config import with_settings
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import FAULT_CODES, NoteCode, Reason, Sensor
 from mavkf.navigation.covariance import bring_up
-from mavkf.navigation.estimator import Offline, run_offline
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.monitors import (
     ACCELEROMETER,
     GYRO,

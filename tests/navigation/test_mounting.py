@@ -10,7 +10,7 @@ from mavkf.models.gnss import ANTENNA, DANTENNA
 from mavkf.models.strapdown import BG, N
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
-from mavkf.navigation.estimator import Offline, run_offline
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.samples import ACCEL, FIELD, GYRO, KIND, LATITUDE, TIME, Kind
 
 from ._session import CONFIG, RADII, motion, position_error, run, session

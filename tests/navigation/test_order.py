@@ -7,7 +7,8 @@ from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS, NoteCode, Sensor
-from mavkf.navigation.estimator import BUFFER, Offline, run_offline
+from mavkf.navigation.estimator import BUFFER
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.events import to_events
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.timeline import order, precedes

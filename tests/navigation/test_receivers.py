@@ -9,7 +9,7 @@ from mavkf.config import with_settings
 from mavkf.models.strapdown import DDELAY, DGNSS, GNSS
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Sensor
-from mavkf.navigation.estimator import Offline, run_offline
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.receivers import become_main, book_of, lasting, set_colour
 from mavkf.navigation.records import RecordWriter
 from mavkf.samples import (

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mavkf.config import Config, settings, with_settings
-from mavkf.navigation.estimator import SessionEstimator, run_offline
+from mavkf.navigation.estimator import SessionEstimator
+from mavkf.navigation.offline import run_offline
 from mavkf.samples import GNSS_YAW, GYRO, KIND, LATITUDE, SIGMA_HORIZONTAL, SIGMA_SPEED, TIME, VELOCITY_N, Kind
 
 from ._session import RADII, run, session

@@ -9,8 +9,8 @@ from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.codes import SENSORS, NoteCode
-from mavkf.navigation.estimator import run_offline
-from mavkf.navigation.events import SortedEvents
+from mavkf.navigation.offline import run_offline
+from mavkf.navigation.events import EventOrder
 from mavkf.navigation.fusing import forget
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.smoothing import fold_block, sweep
@@ -35,8 +35,8 @@ def prepared(rows: Array, config=CONFIG, model: str | None = None) -> tuple[Arra
     done = run_offline(rows, config, model=model)
     state = np.empty(L.STATE_SIZE)
     begin(state, done.parameters)
-    events = SortedEvents(rows, done.setup)
-    return state, events.block(0, len(events)), done.parameters
+    events = np.concatenate(list(EventOrder(done.setup, 3.0).push(rows, last=True)))
+    return state, events, done.parameters
 
 
 def entries(tape: Array) -> list[tuple[int, int, Array]]:

@@ -6,7 +6,7 @@ import pytest
 from mavkf.models.strapdown import BG, IRON
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Sensor
-from mavkf.navigation.estimator import run_offline
+from mavkf.navigation.offline import run_offline
 from mavkf.navigation.records import RecordWriter
 from mavkf.samples import ACCEL, FIELD, GYRO, KIND, PRESSURE, SOURCE, TIME, Kind, Source
 

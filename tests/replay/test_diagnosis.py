@@ -18,7 +18,9 @@ from mavkf.replay import judgement, linearity, plot
 from mavkf.replay.diagnosis import diagnose
 from mavkf.replay.faults import parse_fault
 from mavkf.replay.innovations import of_one
-from mavkf.replay.run import Options, SessionResult, run
+from mavkf.replay.options import Options
+from mavkf.replay.results import SessionResult
+from mavkf.replay.run import run
 from mavkf.replay.simulation import simulate
 from mavkf.samples import Source
 

@@ -16,7 +16,8 @@ from mavkf.errors import UsageError
 from mavkf.navigation import layout as L
 from mavkf.replay.boot_clock import boot_times, on_boot_clock
 from mavkf.replay.faults import KINDS, Fault, apply_faults, parse_fault
-from mavkf.replay.run import Options, run_rows
+from mavkf.replay.options import Options
+from mavkf.replay.run import run_rows
 from mavkf.replay.simulation import simulate
 from mavkf.replay.simulation.sensors import isa_pressure
 from mavkf.replay.tlog import read_tlog

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mavkf.replay.export import columns
-from mavkf.replay.run import Options, run
+from mavkf.replay.options import Options
+from mavkf.replay.run import run
 from mavkf.replay.simulation import simulate
 from mavkf.replay.truth import Errors, errors, read_truth
 

@@ -1,0 +1,194 @@
+"""The estimator of one session of a log: timed sample rows in, block by block; pose rows, innovations and notes out, in the order of measurement.
+
+    session = OfflineSession(config, rate_hz=50.0)
+    for output in session.push(rows): ...      # rows in the order of arrival
+    for output in session.finish(): ...
+    for first, poses in session.again(): ...   # smoothed, or of another form, where one was asked for
+
+Memory does not grow with the session: a second pass reads its events from a temporary file. `run_offline` does all of it for rows at once.
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mavkf.config import Config
+from mavkf.navigation import layout as L
+from mavkf.navigation import timeline
+from mavkf.navigation.codes import SENSORS
+from mavkf.navigation.estimator import BUFFER, Output, SessionEstimator, joined
+from mavkf.navigation.events import EventOrder
+from mavkf.navigation.hindsight import Surprise, look_back
+from mavkf.navigation.setup import Setup
+from mavkf.navigation.spool import Spool
+from mavkf.samples import ROW_WIDTH, Source
+
+if TYPE_CHECKING:
+    from mavkf.navigation.any_form import FormRun
+
+Array = NDArray[np.float64]
+FORWARD_SHARE = 0.3  # of the work of a run with a second pass
+
+
+class OfflineSession:
+    """Estimation of one session of a log, at most two passes over it."""
+
+    def __init__(
+        self,
+        config: Config,
+        rate_hz: float = 50.0,
+        imu: Source | None = None,
+        model: str | None = None,
+        smoothing: bool = False,
+        form: tuple[str, str] | None = None,
+    ) -> None:
+        """rate_hz, imu, model: as of `SessionEstimator`; smoothing: whether `again` smooths the pose rows by what came later.
+
+        form: names of a form of `mavkf.filters` and an order, of whose filter `again` gives the pose rows instead.
+        """
+        self._decider = SessionEstimator(config, rate_hz, imu, model)
+        self._smoothing, self._form = smoothing, form
+        self._surprise = Surprise()
+        self._notes: list[Array] = []
+        self._slot = -1
+        self.hindsight: tuple[str, ...] = ()
+        """What smoothing made of the flight, in words."""
+        self.form: FormRun | None = None
+        """What the other form was."""
+
+    @property
+    def setup(self) -> Setup | None:
+        """The set-up, once it is decided."""
+        return self._decider.setup
+
+    @property
+    def state(self) -> Array:
+        """(STATE_SIZE,) after the events that are folded."""
+        return self._decider.state
+
+    @property
+    def parameters(self) -> Array:
+        """What the fold is told (PARAMETERS,)."""
+        return self._decider.parameters
+
+    @property
+    def has_sensor(self) -> bool:
+        """Whether an IMU or GNSS sample has come: without one there is nothing to estimate."""
+        return self._decider.has_sensor
+
+    @property
+    def has_second_pass(self) -> bool:
+        """Whether `again` gives the pose rows that are wanted."""
+        return self._smoothing or self._form is not None
+
+    def push(self, rows: Array) -> Iterator[Output]:
+        """Take rows (n, ROW_WIDTH) in the order of arrival; the pose rows that come out are a view that is used again."""
+        if self.setup is None:
+            waited, rows = self._decider._decide(rows)
+            if self.setup is None:
+                return
+            self._begin()
+            rows = np.concatenate([waited, rows])
+        yield from self._fold(rows, last=False)
+
+    def finish(self) -> Iterator[Output]:
+        """Take it that nothing follows."""
+        rows = np.empty((0, ROW_WIDTH))
+        if self.setup is None:
+            rows = np.concatenate([rows, *self._decider._waiting])
+            self._decider._start(rows)
+            self._begin()
+        yield from self._fold(rows, last=True)
+
+    def again(self, progress: Callable[[float], object] = lambda _: None) -> Iterator[tuple[int, Array]]:
+        """Go over the session once more, when it is finished: numbers of first rows, and pose rows (n, POSE_WIDTH) for those of before.
+
+        They are a view that is used again. progress: called with the share that is done.
+        """
+        c, rate = self.parameters, self._decider.rate
+        if self._form is not None:  # what few runs need is imported for them
+            from mavkf.navigation.form_flight import FormFlight
+
+            flight = FormFlight(self._start, self._events, c, rate, *self._form)
+            row = 0
+            for poses in flight.poses(progress):
+                yield row, poses
+                row += len(poses)
+            self.form = flight.run
+        elif self._smoothing:
+            from mavkf.navigation.smoother import smooth
+
+            hindsight = look_back(self.state, self._surprise, np.concatenate(self._notes))
+            self.hindsight = hindsight.words
+            yield from smooth(self._start, self._events, c, rate, hindsight, progress)
+
+    def close(self) -> None:
+        """Let go of what a second pass would read."""
+        if self.setup is not None:
+            self._events.close()
+
+    def _begin(self) -> None:
+        assert self.setup is not None
+        self._order = EventOrder(self.setup, self._decider.config.timeline.window_s)
+        self._events = Spool(L.EVENT_WIDTH)
+        self._start = self.state.copy()
+        self._out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice
+        self._poses = np.empty((4 * BUFFER, L.POSE_WIDTH))
+
+    def _fold(self, rows: Array, *, last: bool) -> Iterator[Output]:
+        out = self._out
+        for events in self._order.push(rows, last=last):
+            if self.has_second_pass:
+                self._events.append(events)
+            i = 0
+            while i < len(events):
+                out[2][:] = 0
+                i, n, self._slot = timeline.run_batch(
+                    self.state, events, i, self._slot, self.parameters, self._decider.rate, self._poses, out
+                )
+                output = Output(self._poses[:n], out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy())
+                if self._smoothing:
+                    self._surprise.take(output.innovations)
+                    self._notes.append(output.notes)
+                yield output
+
+
+class Offline(msgspec.Struct):
+    """An offline run: its set-up, what it wrote, the final state, the parameters.
+
+    hindsight: what smoothing made of the flight, in words; form: what another form was, where it made the pose rows.
+    """
+
+    setup: Setup
+    output: Output
+    state: Array
+    parameters: Array
+    hindsight: tuple[str, ...] = ()
+    form: "FormRun | None" = None
+
+
+def run_offline(
+    rows: Array,
+    config: Config,
+    rate_hz: float = 50.0,
+    imu: Source | None = None,
+    model: str | None = None,
+    smoothing: bool = False,
+    form: tuple[str, str] | None = None,
+) -> Offline:
+    """Estimate a session from all its rows (n, ROW_WIDTH; in the order of arrival, of any age). Arguments as of `OfflineSession`."""
+    session = OfflineSession(config, rate_hz, imu, model, smoothing, form)
+    parts = [
+        Output(output.poses.copy(), output.innovations, output.notes)
+        for output in chain(session.push(rows), session.finish())
+    ]
+    output = joined(parts)
+    for first, poses in session.again():
+        output.poses[first : first + len(poses)] = poses
+    session.close()
+    assert session.setup is not None
+    return Offline(session.setup, output, session.state, session.parameters, session.hindsight, session.form)
