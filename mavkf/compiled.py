@@ -140,7 +140,9 @@ class _Later:
     @cached_property
     def _dispatcher(self) -> Any:
         with _setting_folder:
-            before = numba.config.CACHE_DIR  # set only for this, so that other users of numba in the process keep theirs
+            before = (
+                numba.config.CACHE_DIR
+            )  # set only for this, so that other users of numba in the process keep theirs
             numba.config.CACHE_DIR = str(cache_folder())
             try:
                 return numba.njit(cache=True, error_model="numpy", **self._options)(self._function)

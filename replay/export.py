@@ -3,6 +3,7 @@
 import math
 import tempfile
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -114,8 +115,9 @@ class CsvFile:
         """Raises UsageError where the file cannot be written."""
         self._path = path
         self._parts: dict[str, IO[bytes]] = {}
+        self._ends = ExitStack()
         try:
-            self._file = path.open("wb")
+            self._file = self._ends.enter_context(path.open("wb"))
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -125,13 +127,12 @@ class CsvFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for file in (*self._parts.values(), self._file):
-            file.close()
+        self._ends.close()
 
     def take(self, vehicle: str, session: int, poses: Array) -> None:
         """Take pose rows (n, POSE_WIDTH) of a session of a vehicle. Raises UsageError where the disk is full."""
         if vehicle not in self._parts:
-            self._parts[vehicle] = tempfile.TemporaryFile()
+            self._parts[vehicle] = self._ends.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 (closed by the stack)
         for first in range(0, len(poses), BLOCK):
             some = poses[first : first + BLOCK]
             head, modes = f"{vehicle},{session},".encode(), some[:, L.R_MODE].astype(np.int64)

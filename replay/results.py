@@ -45,7 +45,7 @@ class SessionResult:
 class Result:
     """A replayed log: its name, bytes and damage; its sessions by vehicle, the counts of each vehicle's clock, and the seconds of work.
 
-    read_s: reading, which another thread does meanwhile; total_s: all of it.
+    read_s: reading and putting in order, which another thread does meanwhile; total_s: all of it.
     """
 
     log: str

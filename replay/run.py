@@ -1,7 +1,7 @@
 """Estimate a log: offline in the order of measurement, or as live in the order of arrival."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from mavkf.link.decode import Address
 from mavkf.replay.ahead import Ahead
 from mavkf.replay.options import NOBODY, Options, Watch, check
 from mavkf.replay.results import Result, SessionResult
-from mavkf.replay.vehicle_run import VehicleRun
+from mavkf.replay.vehicle_run import VehicleRun, Work
 from mavkf.service.playback import reader_of
 
 Array = NDArray[np.float64]
@@ -34,15 +34,23 @@ def run(path: Path | Sequence[Path], options: Options, watch: Watch = NOBODY, *,
     begin = time.perf_counter()
     reader = reader_of([path] if isinstance(path, Path) else path)
     vehicles: dict[Address, VehicleRun] = {}
+
+    def prepared() -> Iterator[list[tuple[VehicleRun, list[Work]]]]:
+        for block in reader:
+            works = []
+            for address, rows in block.rows.items():
+                name = vehicle_name(address)
+                if address not in vehicles:
+                    wanted = options.vehicle in (None, name)
+                    vehicles[address] = VehicleRun(name, options, watch, keep=keep, wanted=wanted)
+                works.append((vehicles[address], vehicles[address].prepare(rows)))
+            yield works
+
     try:
-        with Ahead(iter(reader)) as blocks:
-            for block in blocks:
-                for address, rows in block.rows.items():
-                    name = vehicle_name(address)
-                    if address not in vehicles:
-                        wanted = options.vehicle in (None, name)
-                        vehicles[address] = VehicleRun(name, options, watch, keep=keep, wanted=wanted)
-                    vehicles[address].push(rows)
+        with Ahead(prepared()) as blocks:
+            for works in blocks:
+                for vehicle, work in works:
+                    vehicle.work(work)
                 watch.progress("estimating", reader.share)
         chosen = _chosen(reader.name, {address: vehicles[address] for address in sorted(vehicles)}, options)
         sessions = [session for vehicle in chosen for session in vehicle.finish()]
@@ -80,7 +88,7 @@ def run_rows(
     """
     vehicle = VehicleRun(name, options, watch, keep=True, wanted=True)
     for first in range(0, len(rows), BLOCK):
-        vehicle.push(rows[first : first + BLOCK])
+        vehicle.work(vehicle.prepare(rows[first : first + BLOCK]))
     sessions = vehicle.finish()
     vehicle.close()
     return sessions, vehicle.clock.counts

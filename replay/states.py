@@ -26,27 +26,35 @@ class State:
 
 
 class States:
-    """Takes one state of each SPAN, and of those every second, fourth, ... where they become many."""
+    """Takes the state in the middle of a SPAN, and of those every second, fourth, ... where they become many."""
 
     def __init__(self) -> None:
         """Nothing has come yet."""
         self.found: dict[int, State] = {}
         """By number of the span."""
-        self._waiting = np.empty((0, L.POSE_WIDTH))
+        self._waiting: list[Array] = []
         self._newest: dict[Sensor, Array] = {}
-        self._number = 0
+        self._begin = np.nan  # s: of the first span
+        self._number = 0  # of the span that is waited for
         self._every = 1
 
     def take(self, poses: Array, innovations: Array) -> None:
         """Take pose rows (m, POSE_WIDTH) and the innovation rows (n, INNOVATION_WIDTH) that came with them."""
-        known = poses[np.all(np.isfinite(poses[:, KNOWN]), axis=1)]
-        rows = np.concatenate([self._waiting, known]) if len(self._waiting) else known
-        first = 0
-        while len(rows) > first and rows[-1, L.R_TIME] - rows[first, L.R_TIME] >= SPAN:
-            last = int(np.searchsorted(rows[:, L.R_TIME], rows[first, L.R_TIME] + SPAN)) + 1
-            self._add(rows[first:last], innovations)
-            first = last
-        self._waiting = rows[first:].copy()
+        t = poses[:, L.R_TIME]
+        if len(t) and np.isnan(self._begin):
+            known = np.flatnonzero(_are_known(poses))
+            self._begin = float(t[known[0]]) if len(known) else np.nan
+        while len(t) and t[-1] >= self._start:
+            first, last = np.searchsorted(t, (self._start, self._start + SPAN))
+            some = poses[first:last]
+            self._waiting.append(some[_are_known(some)])
+            if last == len(t):
+                break
+            self._end_span(innovations)
+            # where nothing came for a while, spans are passed over
+            passed = int((t[last] - self._begin) / SPAN)
+            self._number = max(self._number + 1, passed + 1 if last == first else passed)
+            self._number += -self._number % self._every
         for sensor in JUDGED:
             mine = innovations[innovations[:, L.I_SENSOR] == sensor.value]
             if len(mine):
@@ -54,14 +62,17 @@ class States:
 
     def finish(self) -> None:
         """Take it that nothing follows."""
-        if len(self._waiting):
-            self._add(self._waiting, np.empty((0, L.INNOVATION_WIDTH)))
+        self._end_span(np.empty((0, L.INNOVATION_WIDTH)))
 
-    def _add(self, rows: Array, innovations: Array) -> None:
-        """Take the state in the middle of rows (n, POSE_WIDTH), if it is one of those that are kept."""
-        number = self._number
-        self._number += 1
-        if number % self._every:
+    @property
+    def _start(self) -> float:
+        return self._begin + self._number * SPAN
+
+    def _end_span(self, innovations: Array) -> None:
+        """Take the state in the middle of what waited."""
+        rows = np.concatenate([np.empty((0, L.POSE_WIDTH)), *self._waiting])
+        self._waiting = []
+        if not len(rows):
             return
         row = rows[len(rows) // 2].copy()
         t = row[L.R_TIME]
@@ -73,7 +84,11 @@ class States:
             mine = innovations[(innovations[:, L.I_SENSOR] == sensor.value) & (innovations[:, L.I_TIME] <= t)]
             if len(mine):
                 newest[sensor] = mine[-1].copy()
-        self.found[number] = State(row, change[1:] / change[0] if change[0] > 0.0 else np.zeros(3), newest)
+        self.found[self._number] = State(row, change[1:] / change[0] if change[0] > 0.0 else np.zeros(3), newest)
         if len(self.found) > 2 * FEWEST:
             self._every *= 2
             self.found = {k: state for k, state in self.found.items() if k % self._every == 0}
+
+
+def _are_known(poses: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.all(np.isfinite(poses[:, KNOWN]), axis=1))

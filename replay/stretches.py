@@ -8,7 +8,10 @@ from mavkf.replay.innovations import Innovations, kinds, of_one
 from mavkf.samples import Source
 
 Array = NDArray[np.float64]
-EACH, STRETCHES = 500, 20  # rows in a stretch, and how many at most: beyond 10,000 rows BLAS would start threads for each sum
+EACH, STRETCHES = (
+    500,
+    20,
+)  # rows in a stretch, and how many at most: beyond 10,000 rows BLAS would start threads for each sum
 SPEED = L.INNOVATION_WIDTH  # m/s: a column behind those of an innovation row
 MOST_WAITING = 4096  # innovations that wait for the next pose
 
@@ -64,7 +67,10 @@ class Stretches:
         self._speed = np.nan
 
     def take(self, innovations: Array, poses: Array) -> None:
-        """Take innovation rows (n, INNOVATION_WIDTH) and the pose rows (m, POSE_WIDTH) made with them: the speed is that of the next pose."""
+        """Take innovation rows (n, INNOVATION_WIDTH) and the pose rows (m, POSE_WIDTH) made with them.
+
+        The speed is that of the next pose.
+        """
         waiting = np.concatenate([self._waiting, innovations])
         after = np.searchsorted(poses[:, L.R_TIME], waiting[:, L.I_TIME])
         ready = after < len(poses)
@@ -90,6 +96,10 @@ class Stretches:
 
     def _add(self, rows: Array, speed: Array) -> None:
         kind = kinds(rows)
-        table = np.column_stack([rows, speed])
-        for each in np.unique(kind).tolist():
-            self.kept.setdefault(each, Kept()).take(table[kind == each])
+        order = np.argsort(kind, kind="stable")
+        table = np.column_stack([rows, speed])[order]
+        ends = np.flatnonzero(np.diff(kind[order], append=np.inf)) + 1
+        first = 0
+        for end in ends.tolist():
+            self.kept.setdefault(float(kind[order[first]]), Kept()).take(table[first:end])
+            first = end

@@ -11,8 +11,8 @@ from mavkf.navigation.records import SENSOR_NAMES, RecordWriter, flag_names, val
 from mavkf.replay.diagnosis import diagnose
 from mavkf.replay.results import Result, SessionResult
 from mavkf.replay.stretches import sensor_of
-from mavkf.replay.tally import Heard, Tally
-from mavkf.samples import Kind, Source
+from mavkf.replay.tally import Tally
+from mavkf.samples import Kind
 
 Array = NDArray[np.float64]
 SLOW_HZ = 1.0  # Hz: rates below it are given with more digits
@@ -137,17 +137,12 @@ def _filter(session: SessionResult) -> dict[str, Any] | None:
     }
 
 
-def _in_order(heard: tuple[tuple[Kind, Source], Heard]) -> tuple[int, Source]:
-    kind, source = heard[0]
-    return SENSORS.index(kind) if kind in SENSORS else len(SENSORS), source
-
-
 def _rates(tally: Tally) -> dict[str, float]:
-    rates = {}
-    for (kind, source), heard in sorted(tally.heard.items(), key=_in_order):
-        if kind in SENSORS and heard.rate_hz is not None:
-            rates[f"{kind.name.lower()} {source.name}"] = round(heard.rate_hz, 1 if heard.rate_hz >= SLOW_HZ else 3)
-    return rates
+    return {
+        f"{kind.name.lower()} {source.name}": round(rate, 1 if rate >= SLOW_HZ else 3)
+        for kind in SENSORS
+        for source, rate in tally.rates_hz(kind).items()
+    }
 
 
 def _sensors(tally: Tally) -> dict[str, dict[str, Any]]:

@@ -1,33 +1,18 @@
 """What is left of a session when its rows have gone by: enough to summarise and to judge it, and small however long it was."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.link.heard import BEST_FIX, COUNT, FIRST, LAST, empty_table, hear
 from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import Output
 from mavkf.replay.states import States
 from mavkf.replay.stretches import Stretches
-from mavkf.samples import FIX, KIND, SOURCE, TIME, Kind, Source
+from mavkf.samples import Kind, Source
 
 Array = NDArray[np.float64]
+FIX_3D = 3  # GPS_FIX_TYPE_3D_FIX
 VALID = (L.VALID_POSITION, L.VALID_VELOCITY, L.VALID_TILT, L.VALID_YAW)
-
-
-class Heard:
-    """The rows of one sensor: how many, and the first and last of their times (s)."""
-
-    def __init__(self) -> None:
-        """Nothing has come yet."""
-        self.count = 0
-        self.first, self.last = np.inf, -np.inf
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Rows a second, None for less than two."""
-        span = self.last - self.first
-        return (self.count - 1) / span if self.count > 1 and span > 0.0 else None
 
 
 class Tally:
@@ -35,8 +20,7 @@ class Tally:
 
     def __init__(self) -> None:
         """Nothing has come yet."""
-        self.heard: dict[tuple[Kind, Source], Heard] = {}
-        self.has_3d_fix = False
+        self._heard = empty_table()
         self.poses = 0
         self.valid = np.zeros(len(VALID), dtype=np.int64)
         """Pose rows in which position, velocity, tilt and yaw are valid."""
@@ -51,8 +35,12 @@ class Tally:
     @property
     def span(self) -> tuple[float, float]:
         """Times of the first and the last row, s."""
-        times = self.heard.values()
-        return min(each.first for each in times), max(each.last for each in times)
+        return float(self._heard[:, :, FIRST].min()), float(self._heard[:, :, LAST].max())
+
+    @property
+    def has_3d_fix(self) -> bool:
+        """Whether a receiver had one."""
+        return bool(self._heard[Kind.GNSS, :, BEST_FIX].max() >= FIX_3D)
 
     @property
     def flown_s(self) -> float:
@@ -66,17 +54,20 @@ class Tally:
 
     def has(self, kind: Kind) -> bool:
         """Whether a row of a kind has come."""
-        return any(each is kind for each, _ in self.heard)
+        return bool(self._heard[kind, :, COUNT].any())
+
+    def rates_hz(self, kind: Kind) -> dict[Source, float]:
+        """Rows a second of a kind, by source, where there are two at least."""
+        found = {}
+        for source in Source:
+            count, first, last, _ = self._heard[kind, source].tolist()
+            if count > 1.0 and last > first:
+                found[source] = (count - 1.0) / (last - first)
+        return found
 
     def take_rows(self, rows: Array) -> None:
         """Take timed sample rows (n, ROW_WIDTH)."""
-        for kind, source, mine in _by_source(rows):
-            heard = self.heard.setdefault((kind, source), Heard())
-            heard.count += len(mine)
-            heard.first = min(heard.first, float(mine[:, TIME].min()))
-            heard.last = max(heard.last, float(mine[:, TIME].max()))
-            if kind is Kind.GNSS and not self.has_3d_fix:
-                self.has_3d_fix = bool(np.any(mine[:, FIX] >= 3))  # noqa: PLR2004 (GPS_FIX_TYPE_3D_FIX)
+        hear(rows, self._heard)
 
     def take(self, output: Output) -> None:
         """Take what the fold wrote."""
@@ -100,11 +91,3 @@ class Tally:
         """Take it that nothing follows."""
         self.innovations.finish()
         self.states.finish()
-
-
-def _by_source(rows: Array) -> Iterator[tuple[Kind, Source, Array]]:
-    """The rows of each kind and source."""
-    key = rows[:, KIND].astype(np.int64) * len(Source) + rows[:, SOURCE].astype(np.int64)
-    for each in np.flatnonzero(np.bincount(key)).tolist():
-        kind, source = divmod(each, len(Source))
-        yield Kind(kind), Source(source), rows[key == each]

@@ -1,6 +1,6 @@
 """Read a tlog: find its frames, decode its samples, and say what is in it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
@@ -136,14 +136,15 @@ class TlogReader:
         return self._scanner.position / self.size
 
 
-def read_tlog(path: Path) -> Log:
-    """Read a whole tlog into memory. Raises LogError as `TlogReader` does."""
+def read_tlog(path: Path, progress: Callable[[float], object] = lambda share: None) -> Log:
+    """Read a whole tlog into memory. progress: called with the share that is read. Raises LogError as `TlogReader` does."""
     reader = TlogReader(path)
     frames, rows = [], dict[Address, list[NDArray[np.float64]]]()
     for block in reader:
         frames.append(block.frames)
         for address, found in block.rows.items():
             rows.setdefault(address, []).append(found)
+        progress(reader.share)
     joined = {address: np.concatenate(rows.pop(address)) for address in sorted(rows)}
     return Log(reader.path, reader.size, reader.data, join_frames(frames), reader.damage, reader.refused, joined)
 

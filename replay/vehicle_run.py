@@ -1,6 +1,9 @@
 """One vehicle of a log: its sample rows in, block by block; its sessions out. Offline and as live."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +21,7 @@ from mavkf.replay.results import SessionResult
 from mavkf.replay.tally import Tally
 from mavkf.samples import KIND, ROW_WIDTH, SESSION, Kind
 from mavkf.service.senders import is_vehicle
-from mavkf.service.vehicle import Step, VehicleStream, state_counts, within
+from mavkf.service.vehicle import VehicleStream, state_counts, within
 
 Array = NDArray[np.float64]
 BLOCK = 4096  # pose rows that are read again at once
@@ -48,13 +51,26 @@ class Past:
         """Take timed sample rows (n, ROW_WIDTH)."""
         self.tally.take_rows(rows)
         if self._keep:
-            self._rows.append(rows.copy())
+            self._rows.append(rows)
 
     def take(self, output: Output) -> None:
         """Take what the fold wrote."""
         self.tally.take(output)
         if self._keep:
             self._outputs.append(Output(output.poses.copy(), output.innovations, output.notes))
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A session of a log while it is estimated."""
+
+    number: int
+    session: OfflineSession
+    past: Past
+
+
+Work = Callable[[], object]
+"""What is still to be done about rows that are prepared: in the thread that estimates, in order."""
 
 
 class OfflineRun:
@@ -64,62 +80,61 @@ class OfflineRun:
         """name: of the vehicle; the rest as of `VehicleRun`."""
         self._name, self._options, self._watch, self._keep = name, options, watch, keep
         self._number = -1
-        self._session: OfflineSession | None = None
-        self._past = Past(keep=keep)
-        self._results: list[SessionResult] = []
+        self._flight: Flight | None = None
+        self.results: list[SessionResult] = []
 
-    def push(self, _: Array, timed: Array) -> None:
+    def prepare(self, _: Array, timed: Array, *, last: bool) -> Iterator[Work]:
         """Take rows (n, ROW_WIDTH), and what the boot clock made of them."""
         for number, rows in by_session(timed):
             if number != self._number:
-                self._end()
+                yield from self._end()
                 self._number = number
-                self._session = self._begin() if self._options.session in (None, number) else None
-            if self._session is not None:
-                self._past.take_rows(rows)
-                self._take(self._session, self._session.push(rows))
-
-    def finish(self, timed: Array) -> list[SessionResult]:
-        """Take what the boot clock had held back, and that nothing follows."""
-        self.push(timed, timed)
-        self._end()
-        return self._results
+                self._flight = self._begin(number) if self._options.session in (None, number) else None
+            if self._flight is not None:
+                self._flight.past.take_rows(rows)
+                yield from self._arrange(self._flight, rows)
+        if last:
+            yield from self._end()
 
     def close(self) -> None:
         """Let go of temporary files."""
-        if self._session is not None:
-            self._session.close()
+        if self._flight is not None:
+            self._flight.session.close()
 
-    def _begin(self) -> OfflineSession:
-        self._past = Past(keep=self._keep)
+    def _begin(self, number: int) -> Flight:
         o = self._options
-        return OfflineSession(o.config, o.rate_hz, o.imu, o.model, o.smooth, o.other_filter)
+        session = OfflineSession(o.config, o.rate_hz, o.imu, o.model, o.smooth, o.other_filter)
+        return Flight(number, session, Past(keep=self._keep))
 
-    def _take(self, session: OfflineSession, outputs: Iterator[Output]) -> None:
-        for output in outputs:
-            self._past.take(output)
-            if self._watch.poses is not None and not session.has_second_pass:
-                self._watch.poses(self._name, self._number, output.poses)
+    def _arrange(self, flight: Flight, rows: Array, *, last: bool = False) -> Iterator[Work]:
+        for events in flight.session.arrange(rows, last=last):
+            yield partial(self._fold, flight, events)
 
-    def _end(self) -> None:
-        session, past = self._session, self._past
-        if session is None:
-            return
-        if not session.has_sensor:
-            self._session = None
-            return
-        self._take(session, session.finish())
+    def _end(self) -> Iterator[Work]:
+        flight = self._flight
+        self._flight = None
+        if flight is not None and flight.session.has_sensor:
+            yield from self._arrange(flight, np.empty((0, ROW_WIDTH)), last=True)
+            yield partial(self._finish, flight)
+
+    def _fold(self, flight: Flight, events: Array) -> None:
+        for output in flight.session.fold(events):
+            flight.past.take(output)
+            if self._watch.poses is not None and not flight.session.has_second_pass:
+                self._watch.poses(self._name, flight.number, output.poses)
+
+    def _finish(self, flight: Flight) -> None:
+        session, past = flight.session, flight.past
         past.tally.finish()
         output = past.output
         if session.has_second_pass:
-            self._second_pass(session, output)
+            self._second_pass(flight, output)
         session.close()
-        self._session = None
         assert session.setup is not None
-        self._results.append(
+        self.results.append(
             SessionResult(
                 self._name,
-                self._number,
+                flight.number,
                 session.setup,
                 past.tally,
                 past.rows,
@@ -132,18 +147,18 @@ class OfflineRun:
             )
         )
 
-    def _second_pass(self, session: OfflineSession, output: Output) -> None:
+    def _second_pass(self, flight: Flight, output: Output) -> None:
         """Put the pose rows of the second pass in the place of the first's, and give them out in order."""
         with Spool(L.POSE_WIDTH) as made:
-            for first, poses in session.again(lambda share: self._watch.progress("second pass", share)):
+            for first, poses in flight.session.again(lambda share: self._watch.progress("second pass", share)):
                 made.put(first, poses)
             for first in range(0, len(made), BLOCK):
                 poses = made.block(first, first + BLOCK)
                 if self._keep:
                     output.poses[first : first + len(poses)] = poses
                 if self._watch.poses is not None:
-                    self._watch.poses(self._name, self._number, poses)
-                self._past.tally.end = poses[-1]
+                    self._watch.poses(self._name, flight.number, poses)
+                flight.past.tally.end = poses[-1]
 
 
 class LiveRun:
@@ -152,34 +167,28 @@ class LiveRun:
     def __init__(self, name: str, options: Options, watch: Watch, *, keep: bool) -> None:
         """name: of the vehicle; the rest as of `VehicleRun`."""
         self._name, self._options, self._watch, self._keep = name, options, watch, keep
-        self._stream = VehicleStream(
-            name, options.config, options.rate_hz, options.imu, options.model, options.span
-        )
+        self._stream = VehicleStream(name, options.config, options.rate_hz, options.imu, options.model, options.span)
         self._past: dict[int, Past] = {}
         self._ends: dict[int, SessionEstimator] = {}
 
-    def push(self, rows: Array, timed: Array) -> None:
-        """Take rows (n, ROW_WIDTH), and what the boot clock made of them."""
-        self._take_rows(timed)
-        self._take(self._stream.push(rows))
-
-    def finish(self, timed: Array) -> list[SessionResult]:
-        """Take what the boot clock had held back, and that nothing follows."""
-        self._take_rows(timed)
-        self._take(self._stream.finish())
+    @property
+    def results(self) -> list[SessionResult]:
+        """The sessions."""
         return [self._result(number, end) for number, end in self._ends.items()]
+
+    def prepare(self, rows: Array, timed: Array, *, last: bool) -> Iterator[Work]:
+        """Take rows (n, ROW_WIDTH), and what the boot clock made of them."""
+        for number, mine in by_session(timed):
+            if self._options.session in (None, number):
+                self._past.setdefault(number, Past(keep=self._keep)).take_rows(mine)
+        yield partial(self._push, rows, last)
 
     def close(self) -> None:
         """Nothing is open."""
 
-    def _take_rows(self, timed: Array) -> None:
-        for number, rows in by_session(timed):
-            if self._options.session in (None, number):
-                self._past.setdefault(number, Past(keep=self._keep)).take_rows(rows)
-
-    def _take(self, steps: Iterator[Step]) -> None:
+    def _push(self, rows: Array, last: bool) -> None:
         stream = self._stream
-        for step in steps:
+        for step in chain(stream.push(rows), stream.finish() if last else ()):
             if step.session not in self._past:
                 continue
             self._past[step.session].take(step.output)
@@ -209,7 +218,10 @@ class LiveRun:
 
 
 class VehicleRun:
-    """The replay of one sender's rows. Whether it is a vehicle is known at the end, and so is what was wrong with it."""
+    """The replay of one sender's rows. Whether it is a vehicle is known at the end, and so is what was wrong with it.
+
+    What `prepare` does, and the work that it gives, may be done by two threads, the first ahead of the other.
+    """
 
     def __init__(self, name: str, options: Options, watch: Watch, *, keep: bool, wanted: bool) -> None:
         """name: as in keys; keep: whether rows and outputs are wanted at the end; wanted: whether anything is to be estimated."""
@@ -228,37 +240,50 @@ class VehicleRun:
         """Whether it has sent IMU or GNSS samples and has not said that it is something else only."""
         return self._has_sensor and self._said is not False
 
-    def push(self, rows: Array) -> None:
-        """Take decoded rows (n, ROW_WIDTH) in the order of arrival."""
+    def prepare(self, rows: Array) -> list[Work]:
+        """Take decoded rows (n, ROW_WIDTH) in the order of arrival; give what is to be done about them."""
         self._has_sensor = self._has_sensor or bool(np.isin(rows[:, KIND], (Kind.IMU, Kind.GNSS)).any())
         said = is_vehicle(rows)
         self._said = said if self._said is None else self._said or bool(said)
-        if not self._wanted or self._error is not None:
-            return
+        if not self._wanted:
+            return []
         if self._options.faults:
             self._rows.append(rows)
-            return
+            return []
+        return self._prepare(rows)
+
+    def work(self, works: Iterable[Work]) -> None:
+        """Do what is to be done."""
         try:
-            self._take(rows)
+            for each in works if self._error is None else ():
+                each()
         except MavkfError as error:  # a forced choice that it cannot serve: this may be no vehicle
             self._error = error
 
     def finish(self) -> list[SessionResult]:
-        """Take it that nothing follows; give its sessions. Raises UsageError where a forced choice cannot be served."""
+        """Take it that nothing follows; give the sessions. Raises UsageError where a forced choice cannot be served."""
+        rows = np.concatenate([np.empty((0, ROW_WIDTH)), *self._rows])
+        if self._options.faults:
+            rows = apply_faults(rows, self._options.faults, boot_times(rows, self._window))
+        self.work(self._prepare(rows, last=True))
         if self._error is not None:
             raise self._error
-        if self._rows:
-            rows = np.concatenate(self._rows)
-            self._rows = []
-            self._take(apply_faults(rows, self._options.faults, boot_times(rows, self._window)))
-        return self._run.finish(within(self.clock.flush(), self._options.span))
+        return self._run.results
 
     def close(self) -> None:
         """Let go of temporary files."""
         self._run.close()
 
-    def _take(self, rows: Array) -> None:
-        self._run.push(rows, within(self.clock.push(rows), self._options.span))
+    def _prepare(self, rows: Array, *, last: bool = False) -> list[Work]:
+        timed = self.clock.push(rows)
+        if last:
+            timed = np.concatenate([timed, self.clock.flush()])
+        works: list[Work] = []
+        try:
+            works.extend(self._run.prepare(rows, within(timed, self._options.span), last=last))
+        except MavkfError as error:
+            self._error = self._error or error
+        return works
 
 
 def by_session(timed: Array) -> Iterator[tuple[int, Array]]:

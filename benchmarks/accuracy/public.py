@@ -15,8 +15,8 @@ from mavkf.replay.export import columns
 from mavkf.replay.options import Options
 from mavkf.replay.results import Result
 from mavkf.replay.run import run as replay
-from mavkf.replay.tlog import Log, read_tlog
 from mavkf.replay.summary import estimated
+from mavkf.replay.tlog import Log, read_tlog
 
 FOLDER = "public"
 SENSORS = (Sensor.GNSS_POSITION, Sensor.GNSS_VELOCITY, Sensor.MAGNETOMETER, Sensor.BAROMETER)

@@ -40,7 +40,7 @@ def info(log: Path, *, json: bool = False) -> int:
     console = messages()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("reading", total=1.0)
-        content = read_tlog(log, lambda done: progress.update(task, completed=done))
+        content = read_tlog(log, lambda share: progress.update(task, completed=share))
     if not content.vehicles():
         raise LogError(_no_vehicle(content))
     summary = summarise(content)

@@ -141,7 +141,9 @@ def replay(  # noqa: D417 (the rest is described in _console)
             poses=table.take if table is not None else None,
         )
         result = run(logs, options, watch, keep=plot is not None)
-        rows = table.finish(dict.fromkeys(session.vehicle for session in result.sessions)) if table is not None else None
+        rows = (
+            table.finish(dict.fromkeys(session.vehicle for session in result.sessions)) if table is not None else None
+        )
     _report(result, json, diagnose)
     if not result.sessions:
         say("nothing was estimated: no IMU or GNSS sample with a boot time lies in what was asked for (--from, --to)")

@@ -1,15 +1,16 @@
-"""The estimator of one session of a log: timed sample rows in, block by block; pose rows, innovations and notes out, in the order of measurement.
+"""The estimator of one session of a log, in the order of measurement: timed sample rows in, block by block, outputs of the fold out.
 
     session = OfflineSession(config, rate_hz=50.0)
-    for output in session.push(rows): ...      # rows in the order of arrival
-    for output in session.finish(): ...
-    for first, poses in session.again(): ...   # smoothed, or of another form, where one was asked for
+    for events in session.arrange(rows): ...              # rows in the order of arrival
+    for events in session.arrange(rows, last=True): ...
+    for output in session.fold(events): ...               # of each of these
+    for first, poses in session.again(): ...              # smoothed, or of another form, where one was asked for
 
-Memory does not grow with the session: a second pass reads its events from a temporary file. `run_offline` does all of it for rows at once.
+What is arranged may be ahead of what is folded, in another thread. Memory does not grow with the session: a second pass reads its events
+from a temporary file. `run_offline` does all of it for rows at once.
 """
 
 from collections.abc import Callable, Iterator
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -25,7 +26,7 @@ from mavkf.navigation.events import EventOrder
 from mavkf.navigation.hindsight import Surprise, look_back
 from mavkf.navigation.setup import Setup
 from mavkf.navigation.spool import Spool
-from mavkf.samples import ROW_WIDTH, Source
+from mavkf.samples import Source
 
 if TYPE_CHECKING:
     from mavkf.navigation.any_form import FormRun
@@ -85,24 +86,38 @@ class OfflineSession:
         """Whether `again` gives the pose rows that are wanted."""
         return self._smoothing or self._form is not None
 
-    def push(self, rows: Array) -> Iterator[Output]:
-        """Take rows (n, ROW_WIDTH) in the order of arrival; the pose rows that come out are a view that is used again."""
+    def arrange(self, rows: Array, *, last: bool = False) -> Iterator[Array]:
+        """Take rows (n, ROW_WIDTH) in the order of arrival; give the events (m, EVENT_WIDTH) that can be folded now, in their order.
+
+        last: nothing follows.
+        """
         if self.setup is None:
             waited, rows = self._decider._decide(rows)
             if self.setup is None:
-                return
+                if not last:
+                    return
+                waited = np.concatenate([waited, *self._decider._waiting])
+                self._decider._start(waited)
             self._begin()
             rows = np.concatenate([waited, rows])
-        yield from self._fold(rows, last=False)
+        yield from self._order.push(rows, last=last)
 
-    def finish(self) -> Iterator[Output]:
-        """Take it that nothing follows."""
-        rows = np.empty((0, ROW_WIDTH))
-        if self.setup is None:
-            rows = np.concatenate([rows, *self._decider._waiting])
-            self._decider._start(rows)
-            self._begin()
-        yield from self._fold(rows, last=True)
+    def fold(self, events: Array) -> Iterator[Output]:
+        """Fold events (n, EVENT_WIDTH) that `arrange` gave; the pose rows that come out are a view that is used again."""
+        if self.has_second_pass:
+            self._events.append(events)
+        out = self._out
+        i = 0
+        while i < len(events):
+            out[2][:] = 0
+            i, n, self._slot = timeline.run_batch(
+                self.state, events, i, self._slot, self.parameters, self._decider.rate, self._poses, out
+            )
+            output = Output(self._poses[:n], out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy())
+            if self._smoothing:
+                self._surprise.take(output.innovations)
+                self._notes.append(output.notes)
+            yield output
 
     def again(self, progress: Callable[[float], object] = lambda _: None) -> Iterator[tuple[int, Array]]:
         """Go over the session once more, when it is finished: numbers of first rows, and pose rows (n, POSE_WIDTH) for those of before.
@@ -122,7 +137,8 @@ class OfflineSession:
         elif self._smoothing:
             from mavkf.navigation.smoother import smooth
 
-            hindsight = look_back(self.state, self._surprise, np.concatenate(self._notes))
+            notes = np.concatenate([np.empty((0, L.NOTE_WIDTH)), *self._notes])
+            hindsight = look_back(self.state, self._surprise, notes)
             self.hindsight = hindsight.words
             yield from smooth(self._start, self._events, c, rate, hindsight, progress)
 
@@ -138,23 +154,6 @@ class OfflineSession:
         self._start = self.state.copy()
         self._out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice
         self._poses = np.empty((4 * BUFFER, L.POSE_WIDTH))
-
-    def _fold(self, rows: Array, *, last: bool) -> Iterator[Output]:
-        out = self._out
-        for events in self._order.push(rows, last=last):
-            if self.has_second_pass:
-                self._events.append(events)
-            i = 0
-            while i < len(events):
-                out[2][:] = 0
-                i, n, self._slot = timeline.run_batch(
-                    self.state, events, i, self._slot, self.parameters, self._decider.rate, self._poses, out
-                )
-                output = Output(self._poses[:n], out[0][: out[2][0]].copy(), out[1][: out[2][1]].copy())
-                if self._smoothing:
-                    self._surprise.take(output.innovations)
-                    self._notes.append(output.notes)
-                yield output
 
 
 class Offline(msgspec.Struct):
@@ -184,7 +183,8 @@ def run_offline(
     session = OfflineSession(config, rate_hz, imu, model, smoothing, form)
     parts = [
         Output(output.poses.copy(), output.innovations, output.notes)
-        for output in chain(session.push(rows), session.finish())
+        for events in session.arrange(rows, last=True)
+        for output in session.fold(events)
     ]
     output = joined(parts)
     for first, poses in session.again():

@@ -60,10 +60,11 @@ def smooth(
     progress: Callable[[float], object],
     slot: int = -1,
 ) -> Iterator[tuple[int, Array]]:
-    """Give the pose rows of an offline run smoothed, block by block from the last to the first: number of the first row, rows (n, POSE_WIDTH).
+    """Give the pose rows of an offline run smoothed, block by block from the last to the first.
 
-    The rows are a view that is used again. state: (STATE_SIZE,) as it was before the first event, is used up; c: parameters; progress:
-    called with the share that is done; slot: output interval of the last row before.
+    Of each block the number of its first row, and the rows (n, POSE_WIDTH), a view that is used again. state: (STATE_SIZE,) as it was
+    before the first event, is used up; c: parameters; progress: called with the share that is done; slot: output interval of the last
+    row before.
     """
     c, delay = without_delay(state, c)
     held, faults = hindsight.held, hindsight.faults

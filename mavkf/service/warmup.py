@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from mavkf.compiled import compile_apart, is_shared, is_warm, mark_warm
 from mavkf.config import Config
+from mavkf.decimals import lines
 from mavkf.link.clocks import VehicleClock
 from mavkf.link.decode import decode
-from mavkf.decimals import lines
 from mavkf.link.framing import FrameStream, scan_records
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids

@@ -11,10 +11,10 @@ from mavkf.models.strapdown import DDELAY
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.codes import SENSORS, NoteCode
-from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.events import EventOrder
 from mavkf.navigation.form_flight import ENTRIES
 from mavkf.navigation.form_steps import FormSteps
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.relinearise import composed, left_jacobian
 from mavkf.navigation.smoothing import fold_block

@@ -9,7 +9,6 @@ from mavkf.config import with_settings
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import FAULT_CODES, NoteCode, Reason, Sensor
 from mavkf.navigation.covariance import bring_up
-from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.monitors import (
     ACCELEROMETER,
     GYRO,
@@ -21,6 +20,7 @@ from mavkf.navigation.monitors import (
     hypothesis,
     regress,
 )
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.records import RecordWriter
 from mavkf.replay.faults import apply_faults, parse_fault
 from mavkf.samples import ACCEL, TIME, Kind

@@ -8,8 +8,8 @@ from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS, NoteCode, Sensor
 from mavkf.navigation.estimator import BUFFER
-from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.events import to_events
+from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.timeline import order, precedes
 from mavkf.samples import ARRIVAL, KIND, SEQUENCE, SOURCE, TIME, Kind, Source

@@ -9,9 +9,9 @@ from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.codes import SENSORS, NoteCode
-from mavkf.navigation.offline import run_offline
 from mavkf.navigation.events import EventOrder
 from mavkf.navigation.fusing import forget
+from mavkf.navigation.offline import run_offline
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.smoothing import fold_block, sweep
 from mavkf.navigation.timeline import order

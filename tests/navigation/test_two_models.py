@@ -12,8 +12,8 @@ from mavkf.models.telemetry import DFORCE, DOMEGA, FORCE, OMEGA
 from mavkf.models.telemetry import N as TELEMETRY_STATES
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
-from mavkf.navigation.offline import run_offline
 from mavkf.navigation.imu_noise import unseen_share
+from mavkf.navigation.offline import run_offline
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import choose, parameters
