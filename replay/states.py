@@ -52,8 +52,7 @@ class States:
                 break
             self._end_span(innovations)
             # where nothing came for a while, spans are passed over
-            passed = int((t[last] - self._begin) / SPAN)
-            self._number = max(self._number + 1, passed + 1 if last == first else passed)
+            self._number = max(self._number + 1, int((t[last] - self._begin) / SPAN))
             self._number += -self._number % self._every
         for sensor in JUDGED:
             mine = innovations[innovations[:, L.I_SENSOR] == sensor.value]

@@ -10,7 +10,7 @@ import pytest
 import mavkf
 
 ROOT = Path(mavkf.__file__).parent
-BASE = {"errors", "samples", "estimate", "config", "compiled", "stack"}
+BASE = {"errors", "samples", "estimate", "config", "compiled", "stack", "decimals"}
 PARTS = BASE | {"models", "filters", "navigation", "diagnostics", "link", "publish", "service", "replay", "cli"}
 JOINERS = PARTS - {"service", "replay", "cli"}
 
@@ -22,7 +22,8 @@ MAY: dict[str, set[str]] = {
     "estimate": set(),
     "compiled": {"errors"},
     "config": {"errors"},
-    "models": {"compiled", "stack"},
+    "decimals": {"compiled"},
+    "models": {"compiled", "stack", "decimals"},
     "filters": {"compiled", "stack", "errors"},
     "navigation": {"models", "filters", *BASE},
     "diagnostics": {"filters", "compiled", "errors"},

@@ -11,6 +11,7 @@ from a temporary file. `run_offline` does all of it for rows at once.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -180,15 +181,14 @@ def run_offline(
     form: tuple[str, str] | None = None,
 ) -> Offline:
     """Estimate a session from all its rows (n, ROW_WIDTH; in the order of arrival, of any age). Arguments as of `OfflineSession`."""
-    session = OfflineSession(config, rate_hz, imu, model, smoothing, form)
-    parts = [
-        Output(output.poses.copy(), output.innovations, output.notes)
-        for events in session.arrange(rows, last=True)
-        for output in session.fold(events)
-    ]
-    output = joined(parts)
-    for first, poses in session.again():
-        output.poses[first : first + len(poses)] = poses
-    session.close()
+    with closing(OfflineSession(config, rate_hz, imu, model, smoothing, form)) as session:
+        parts = [
+            Output(output.poses.copy(), output.innovations, output.notes)
+            for events in session.arrange(rows, last=True)
+            for output in session.fold(events)
+        ]
+        output = joined(parts)
+        for first, poses in session.again():
+            output.poses[first : first + len(poses)] = poses
     assert session.setup is not None
     return Offline(session.setup, output, session.state, session.parameters, session.hindsight, session.form)

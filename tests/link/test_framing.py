@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
 
 from mavkf.link.crc import frame_crc
-from mavkf.link.framing import FrameStream, scan_records
+from mavkf.link.framing import FrameStream, Scanner, scan_records
 
 from ._wire import array, frame, record
 
@@ -140,10 +140,18 @@ def test_text_holds_no_frame() -> None:
     assert counts.stray_bytes == 2100
 
 
-def test_progress_ends_at_one() -> None:
-    told: list[float] = []
-    scan_records(array(TLOG), told.append)
-    assert told[-1] == 1.0
+def test_a_long_log_comes_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = array(TLOG[:700] + b"\xfd\xfe\x09" + TLOG[700:])
+    frames, counts = scan_records(data)
+    monkeypatch.setattr("mavkf.link.framing.BLOCK", 3)
+    scanner, blocks, done = Scanner(data), [], [0]
+    for block in scanner:
+        assert len(block) <= 3
+        blocks.append(block.copy())
+        done.append(scanner.position)
+    assert np.array_equal(np.concatenate(blocks), frames)
+    assert scanner.counts == counts
+    assert done == sorted(done) and done[-1] == data.size
 
 
 damage = st.lists(

@@ -5,17 +5,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavkf.link.stamps import repair
+from mavkf.link.framing import FRAME
+from mavkf.link.stamps import StampRepair
 
 T0 = 1_500_000_000_000_000
 SECOND = 1_000_000
 STEADY = [T0 + 20_000 * i for i in range(20)]
 
 
-def repaired(stamps: list[int]) -> tuple[list[int], int]:
-    array = np.array(stamps, np.int64)
-    bad = repair(array)
-    return array.tolist(), bad
+def repaired(stamps: list[int], cuts: tuple[int, ...] = ()) -> tuple[list[int], int]:
+    frames = np.zeros(len(stamps), FRAME)
+    frames["stamp"] = stamps
+    repair = StampRepair()
+    parts = [repair.push(part) for part in np.split(frames, cuts)]
+    parts.append(repair.push(frames[:0], last=True))
+    return np.concatenate([part["stamp"] for part in parts]).tolist(), repair.bad
 
 
 @pytest.mark.parametrize("start", [T0, 0, 5 * SECOND, 4_000_000_000 * SECOND])
@@ -55,5 +59,13 @@ def test_silence_and_small_steps_backwards_are_believed() -> None:
 
 @given(st.lists(st.integers(-(2**63), 2**63 - 1), max_size=40))
 def test_any_stamps_at_all(stamps: list[int]) -> None:
-    array = np.array(stamps, np.int64)
-    assert 0 <= repair(array) <= len(stamps)
+    assert 0 <= repaired(stamps)[1] <= len(stamps)
+
+
+near = st.one_of(st.integers(0, 10**6), st.sampled_from([70 * SECOND, -70 * SECOND, 3 * SECOND, 1 << 60]))
+
+
+@given(st.lists(near, min_size=1, max_size=60), st.lists(st.integers(1, 59), max_size=8).map(sorted))
+def test_it_does_not_matter_in_what_blocks_they_come(steps: list[int], cuts: list[int]) -> None:
+    stamps = [T0, *(T0 + 20_000 * i + step for i, step in enumerate(steps))]
+    assert repaired(stamps, tuple(cuts)) == repaired(stamps)
