@@ -16,6 +16,7 @@ from mavkf.link.framing import FRAME, FrameCounts, Scanner, join_frames
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids, message_names
 from mavkf.link.stamps import StampRepair
+from mavkf.replay.ahead import Ahead
 from mavkf.samples import KIND, Kind
 from mavkf.service.senders import is_vehicle
 
@@ -103,6 +104,8 @@ class Block(NamedTuple):
 class TlogReader:
     """Reads a tlog of any MAVLink version, whole or damaged, block by block: a log of any length needs little memory.
 
+    Another thread looks for the next frames while the last are decoded.
+
     reader = TlogReader(path)
     for block in reader: ...
     reader.damage, reader.refused    # complete once all blocks are read
@@ -119,9 +122,10 @@ class TlogReader:
 
     def __iter__(self) -> Iterator[Block]:
         """The blocks. Raises LogError at the end if the file holds no MAVLink frame."""
-        for found in chain(self._scanner, (None,)):
-            frames = self._stamps.push(np.empty(0, FRAME) if found is None else found, last=found is None)
-            yield Block(frames, decode(self.data, frames, self.refused))
+        with Ahead(iter(self._scanner)) as scanned:
+            for found in chain(scanned, (None,)):
+                frames = self._stamps.push(np.empty(0, FRAME) if found is None else found, last=found is None)
+                yield Block(frames, decode(self.data, frames, self.refused))
         if self._scanner.counts.frames == 0:
             raise LogError(f"{self.path} holds no MAVLink frame; give a telemetry log (.tlog) of a ground station.")
 
