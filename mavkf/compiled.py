@@ -32,6 +32,8 @@ import numpy
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from mavkf.machine_code import Cache
+
 F = TypeVar("F", bound=Callable[..., Any])
 # Types of numba, for `compiled_apart`
 NOTHING, BOOLEAN, INTEGER, FLOAT = numba.void, numba.boolean, numba.int64, numba.float64
@@ -50,10 +52,10 @@ COMPILED_FOLDERS = ("models", "filters", "navigation", "link")  # and the consta
 
 @cache
 def source_hash() -> str:
-    """Hash (16 hex digits) of the compiled sources and of the versions that the machine code depends on."""
+    """Hash (16 hex digits) of the compiled sources, of their place, and of the versions that the machine code depends on."""
     package = Path(__file__).resolve().parent
-    digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}".encode())
-    paths = [package / "compiled.py", package / "samples.py", package / "stack.py", package / "decimals.py"]
+    digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}|{package}".encode())
+    paths = [package / f"{name}.py" for name in ("compiled", "samples", "stack", "decimals")]
     for folder in COMPILED_FOLDERS:
         paths += sorted((package / folder).resolve().rglob("*.py"))
     for path in paths:
@@ -145,7 +147,9 @@ class _Later:
             )  # set only for this, so that other users of numba in the process keep theirs
             numba.config.CACHE_DIR = str(cache_folder())
             try:
-                return numba.njit(cache=True, error_model="numpy", **self._options)(self._function)
+                dispatcher = numba.njit(error_model="numpy", **self._options)(self._function)
+                dispatcher._cache = Cache(self._function)
+                return dispatcher
             finally:
                 numba.config.CACHE_DIR = before
 

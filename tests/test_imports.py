@@ -10,7 +10,7 @@ import pytest
 import mavkf
 
 ROOT = Path(mavkf.__file__).parent
-BASE = {"errors", "samples", "estimate", "config", "compiled", "stack", "decimals"}
+BASE = {"errors", "samples", "estimate", "config", "compiled", "stack", "decimals", "machine_code"}
 PARTS = BASE | {"models", "filters", "navigation", "diagnostics", "link", "publish", "service", "replay", "cli"}
 JOINERS = PARTS - {"service", "replay", "cli"}
 
@@ -20,10 +20,11 @@ MAY: dict[str, set[str]] = {
     "errors": set(),
     "samples": set(),
     "estimate": set(),
-    "compiled": {"errors"},
+    "compiled": {"errors", "machine_code"},
+    "machine_code": set(),
     "config": {"errors"},
     "decimals": {"compiled"},
-    "models": {"compiled", "stack", "decimals"},
+    "models": {"compiled", "stack", "decimals", "machine_code"},
     "filters": {"compiled", "stack", "errors"},
     "navigation": {"models", "filters", *BASE},
     "diagnostics": {"filters", "compiled", "errors"},

@@ -2,19 +2,14 @@
 
 from typing import Any
 
-from rich.console import Console
-
 from mavkf.cli._findings import print_findings
 
 MOST_EVENTS = 12
 
 
-def print_summary(console: Console, summary: dict[str, Any], findings: bool = False) -> None:
-    """Print what `mavkf.replay.summary.summarise` found, at the width of the console. findings: all of the diagnosis too."""
-
-    def line(text: str = "") -> None:
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
-
+def print_summary(summary: dict[str, Any], findings: bool = False) -> None:
+    """Print what `mavkf.replay.summary.summarise` found. findings: all of the diagnosis too."""
+    line = print
     damage = summary["damage"]
     harm = [f"{damage[key]} {name}" for key, name in _DAMAGE.items() if damage[key]]
     line(

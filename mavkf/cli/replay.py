@@ -9,7 +9,7 @@ from typing import IO, Annotated, Any
 
 from cyclopts import Parameter
 
-from mavkf.cli._console import Connect, Listen, ZenohConfig, compile_first, messages, output, say
+from mavkf.cli._console import Connect, Listen, ZenohConfig, compile_first, messages, say
 from mavkf.config import Config, read_config, with_settings
 from mavkf.config import settings as known_settings
 from mavkf.errors import UsageError
@@ -264,7 +264,7 @@ def _report(result: Result, as_json: bool, findings: bool) -> None:
         return
     from mavkf.cli._summary import print_summary
 
-    print_summary(output(), summary, findings)
+    print_summary(summary, findings)
     for session in summary["sessions"]:
         for warning in session["warnings"]:
             say(f"{session['vehicle']} session {session['session']}: {warning}")

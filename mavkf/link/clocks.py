@@ -14,7 +14,7 @@ A far stamp is held back until the five have come or a near one has.
 """
 
 from dataclasses import dataclass
-from math import isnan
+from math import floor, isnan
 from typing import Any
 
 import numpy as np
@@ -95,8 +95,11 @@ def boot_time(row: Any, newest: float) -> float:
         return row[STAMP]  # type: ignore[no-any-return]
     if row[CLOCK] != BOOT_MS:
         return np.nan
-    wraps = np.round((newest - row[STAMP]) / MS_WRAP_US)
-    unrolled = row[STAMP] + max(wraps, 0.0) * MS_WRAP_US
+    if isnan(newest):
+        return row[STAMP]  # type: ignore[no-any-return]
+    # not np.round, which takes half of numba's modules to load
+    wraps = floor((newest - row[STAMP]) / MS_WRAP_US + 0.5)
+    unrolled = row[STAMP] + max(wraps, 0) * MS_WRAP_US
     return unrolled if abs(unrolled - newest) <= UNROLL_US else row[STAMP]  # type: ignore[no-any-return]
 
 
