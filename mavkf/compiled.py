@@ -52,9 +52,9 @@ COMPILED_FOLDERS = ("models", "filters", "navigation", "link")  # and the consta
 
 @cache
 def source_hash() -> str:
-    """Hash (16 hex digits) of the compiled sources, of their place, and of the versions that the machine code depends on."""
+    """Hash (16 hex digits) of the compiled sources and of the versions that the machine code depends on."""
     package = Path(__file__).resolve().parent
-    digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}|{package}".encode())
+    digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}".encode())
     paths = [package / f"{name}.py" for name in ("compiled", "samples", "stack", "decimals")]
     for folder in COMPILED_FOLDERS:
         paths += sorted((package / folder).resolve().rglob("*.py"))
@@ -80,14 +80,20 @@ def cache_folder() -> Path:
         return folder
 
 
+def _mark(what: str) -> Path:
+    """The file that says that a part is compiled: for this place of the sources, because numba looks for machine code by that."""
+    place = hashlib.sha256(str(Path(__file__).resolve().parent).encode()).hexdigest()[:8]
+    return cache_folder() / f"{what}-{place}"
+
+
 def is_warm(what: str = "warm") -> bool:
     """Whether a part of these sources, by name, has been compiled before (nothing of it has to be compiled for a while now)."""
-    return (cache_folder() / what).exists()
+    return _mark(what).exists()
 
 
 def mark_warm(what: str = "warm") -> None:
     """Remember that a part has been compiled; forget the machine code of sources that have not been used for a month."""
-    (cache_folder() / what).touch()
+    _mark(what).touch()
     for other in cache_folder().parent.glob("[0-9a-f]" * 16):
         if time.time() - other.stat().st_mtime > UNUSED_S:
             shutil.rmtree(other, ignore_errors=True)

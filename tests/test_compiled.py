@@ -52,7 +52,7 @@ def package(tmp_path: Path) -> Path:
     for folder in ("", "filters", "navigation", "link"):
         (root / "mavkf" / folder).mkdir(parents=True, exist_ok=True)
         (root / "mavkf" / folder / "__init__.py").write_text("")
-    for file in ("compiled.py", "samples.py", "stack.py"):
+    for file in ("compiled.py", "machine_code.py", "samples.py", "stack.py", "decimals.py"):
         shutil.copy(SOURCE / file, root / "mavkf")
     (root / "models" / "__init__.py").write_text("")
     (root / "models" / "answer.py").write_text(FUNCTION)
