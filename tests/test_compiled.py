@@ -161,6 +161,16 @@ def test_the_same_sources_elsewhere_have_the_same_hash(package: Path, tmp_path: 
     assert load(package).source_hash() == load(other).source_hash()
 
 
+def test_warm_is_said_of_the_place_where_it_was_compiled(
+    package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAVKF_CACHE", str(tmp_path / "cache"))
+    other = tmp_path / "elsewhere"
+    shutil.copytree(package, other, symlinks=True)
+    load(package).mark_warm()
+    assert load(package).is_warm() and not load(other).is_warm()
+
+
 def test_another_version_of_numba_has_its_own_folder(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = load(package).source_hash()
     monkeypatch.setattr(numba, "__version__", "0.0.1")
