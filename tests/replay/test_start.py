@@ -24,8 +24,7 @@ def test_a_warm_replay_loads_neither_the_compiler_nor_what_it_does_not_use(tmp_p
     for _ in range(2):  # the first may compile
         done = subprocess.run(
             [sys.executable, "-c", CODE, str(log), str(tmp_path / "estimate.csv")],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            capture_output=True,
             text=True,
             check=True,
         )
