@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.ahead import Ahead
 from mavkf.errors import LogError, UsageError
 from mavkf.link.clocks import ClockCounts
 from mavkf.link.decode import Address
-from mavkf.replay.ahead import Ahead
 from mavkf.replay.options import NOBODY, Options, Watch, check
 from mavkf.replay.results import Result, SessionResult
 from mavkf.replay.vehicle_run import VehicleRun, Work

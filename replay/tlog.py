@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.ahead import Ahead
 from mavkf.errors import LogError
 from mavkf.link.decode import Address, DecodeCounts, decode
 from mavkf.link.framing import FRAME, FrameCounts, Scanner, join_frames
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids, message_names
 from mavkf.link.stamps import StampRepair
-from mavkf.replay.ahead import Ahead
 from mavkf.samples import KIND, Kind
 from mavkf.service.senders import is_vehicle
 

@@ -10,7 +10,7 @@ import pytest
 import mavkf
 
 ROOT = Path(mavkf.__file__).parent
-BASE = {"errors", "samples", "estimate", "config", "compiled", "stack", "decimals", "machine_code"}
+BASE = {"errors", "samples", "estimate", "config", "compiled", "stack", "decimals", "machine_code", "ahead"}
 PARTS = BASE | {"models", "filters", "navigation", "diagnostics", "link", "publish", "service", "replay", "cli"}
 JOINERS = PARTS - {"service", "replay", "cli"}
 
@@ -22,9 +22,10 @@ MAY: dict[str, set[str]] = {
     "estimate": set(),
     "compiled": {"errors", "machine_code"},
     "machine_code": set(),
+    "ahead": set(),
     "config": {"errors"},
     "decimals": {"compiled"},
-    "models": {"compiled", "stack", "decimals", "machine_code"},
+    "models": {"compiled", "stack", "decimals", "machine_code", "ahead"},
     "filters": {"compiled", "stack", "errors"},
     "navigation": {"models", "filters", *BASE},
     "diagnostics": {"filters", "compiled", "errors"},

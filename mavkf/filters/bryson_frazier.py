@@ -23,15 +23,16 @@ the information in what comes later: it does not depend on the gain. So for an e
 and then the correction. The smoothed estimate is then the best one of the filter's at its time and of everything measured later, as if
 the filter had used the optimal gain from that time on. The other way round, with x - G r and P + G S G' where G = P H' S^-1, it takes a
 measurement out: that goes back over a correction as if it had not been made.
+
+Lambda may be a larger matrix, of which the first n rows and columns are meant; n is the length of lambda.
 """
 
-import numpy as np
-
-from mavkf.compiled import compiled
+from mavkf.compiled import fused_kernel, kernel
 from mavkf.filters.joseph import invert
+from mavkf.stack import matrix, vector, zero_matrix, zero_vector
 
 
-@compiled
+@fused_kernel
 def back_over_transition(adjoint, Adjoint, Phi, index):
     """Take lambda (n,) and Lambda (n, n) back over a transition, in place.
 
@@ -40,7 +41,7 @@ def back_over_transition(adjoint, Adjoint, Phi, index):
     """
     a, b = Phi.shape
     n = adjoint.shape[0]
-    old = np.empty(a)
+    old = vector(a)
     for i in range(a):
         old[i] = adjoint[index[i]]
     for j in range(b):
@@ -48,7 +49,7 @@ def back_over_transition(adjoint, Adjoint, Phi, index):
         for i in range(a):
             total += Phi[i, j] * old[i]
         adjoint[index[j]] = total
-    B = np.zeros((b, n))  # the rows of Phi' Lambda that are not those of Lambda
+    B = zero_matrix(b, n)  # the rows of Phi' Lambda that are not those of Lambda
     for j in range(b):
         if j >= a:
             for k in range(n):
@@ -62,40 +63,53 @@ def back_over_transition(adjoint, Adjoint, Phi, index):
         for k in range(n):
             Adjoint[index[j], k] = B[j, k]
             Adjoint[k, index[j]] = B[j, k]
+    row = vector(b)
     for j in range(b):
+        for k in range(b):
+            row[k] = 0.0 if k < a else B[j, index[k]]
+        for i in range(a):
+            p = B[j, index[i]]
+            for k in range(b):
+                row[k] += p * Phi[i, k]
         for k in range(j, b):
-            total = 0.0 if k < a else B[j, index[k]]
-            for i in range(a):
-                total += B[j, index[i]] * Phi[i, k]
-            Adjoint[index[j], index[k]] = total
-            Adjoint[index[k], index[j]] = total
+            Adjoint[index[j], index[k]] = row[k]
+            Adjoint[index[k], index[j]] = row[k]
 
 
-@compiled
-def symmetrise(A):
-    """Give A (n, n) the mean of its two triangles."""
-    for i in range(A.shape[0]):
+@fused_kernel
+def product(A, B, C):
+    """Fill C (m, n) with A' B; A: (l, m), B: (l, n)."""
+    m, n = C.shape
+    for a in range(m):
+        for j in range(n):
+            C[a, j] = 0.0
+        for i in range(A.shape[0]):
+            p = A[i, a]
+            if p != 0.0:
+                for j in range(n):
+                    C[a, j] += p * B[i, j]
+
+
+@kernel
+def symmetrise(A, n):
+    """Give the first n rows and columns of A the mean of the two triangles."""
+    for i in range(n):
         for j in range(i):
             mean = 0.5 * (A[i, j] + A[j, i])
             A[i, j] = mean
             A[j, i] = mean
 
 
-@compiled
+@fused_kernel
 def exchange(adjoint, Adjoint, r, inverse, D, sign):
     """Pass to an estimate x + sign D r of covariance P - sign D S D', in place; returns whether that could be done.
 
     r: (m,), inverse: S^-1 (m, m), D: (n, m), sign: 1 or -1.
     """
     n, m = D.shape
-    B = np.zeros((n, m))
-    for i in range(n):
-        for j in range(n):
-            for a in range(m):
-                B[i, a] += Adjoint[i, j] * D[j, a]
-    left = np.empty((m, m))
-    W = np.empty((m, m))
-    v = np.empty(m)
+    B = matrix(m, n)  # D' Lambda
+    product(D, Adjoint, B)
+    left, W, v = matrix(m, m), matrix(m, m), vector(m)
     for a in range(m):
         v[a] = 0.0
         for i in range(n):
@@ -104,35 +118,36 @@ def exchange(adjoint, Adjoint, r, inverse, D, sign):
             v[a] -= inverse[a, b] * r[b]
             left[a, b] = inverse[a, b]
             for i in range(n):
-                left[a, b] -= sign * D[i, a] * B[i, b]
+                left[a, b] -= sign * D[i, a] * B[b, i]
     if not invert(left, W) > 0.0:
         return False
+    for a in range(m):
+        for b in range(m):
+            W[a, b] *= sign
+    weighed = matrix(m, n)
+    product(W, B, weighed)
+    for a in range(m):
+        for i in range(n):
+            adjoint[i] += weighed[a, i] * v[a]
     for i in range(n):
         for a in range(m):
-            weighed = 0.0
-            for b in range(m):
-                weighed += sign * B[i, b] * W[b, a]
-            adjoint[i] += weighed * v[a]
+            p = weighed[a, i]
             for j in range(n):
-                Adjoint[i, j] += weighed * B[j, a]
-    symmetrise(Adjoint)
+                Adjoint[i, j] += p * B[a, j]
+    symmetrise(Adjoint, n)
     return True
 
 
-@compiled
+@fused_kernel
 def back_over_correction(adjoint, Adjoint, r, inverse, H, K):
     """Take lambda (n,) and Lambda (n, n) back over a correction by the optimal gain, in place.
 
     r: (m,), inverse: S^-1 (m, m), H: (m, n), K: (n, m).
     """
     m, n = H.shape
-    B = np.zeros((n, m))  # Lambda K
-    for i in range(n):
-        for j in range(n):
-            for a in range(m):
-                B[i, a] += Adjoint[i, j] * K[j, a]
-    M = np.empty((m, m))  # K' Lambda K + S^-1
-    v = np.empty(m)
+    B = matrix(m, n)  # K' Lambda
+    product(K, Adjoint, B)
+    M, v = matrix(m, m), vector(m)  # K' Lambda K + S^-1
     for a in range(m):
         v[a] = 0.0
         for i in range(n):
@@ -141,40 +156,59 @@ def back_over_correction(adjoint, Adjoint, r, inverse, H, K):
             v[a] += inverse[a, b] * r[b]
             M[a, b] = inverse[a, b]
             for i in range(n):
-                M[a, b] += K[i, a] * B[i, b]
+                M[a, b] += K[i, a] * B[b, i]
+    # Lambda + H' C + C' H with C = M H / 2 - K' Lambda
+    C = matrix(m, n)
     for a in range(m):
-        for i in range(n):
+        for j in range(n):
+            C[a, j] = -B[a, j]
+        for b in range(m):
+            half = 0.25 * (M[a, b] + M[b, a])
+            for j in range(n):
+                C[a, j] += half * H[b, j]
+    row = zero_vector(n)
+    for i in range(n):
+        seen = False
+        for j in range(n):
+            row[j] = 0.0
+        for a in range(m):
             h = H[a, i]
             if h != 0.0:
+                seen = True
                 adjoint[i] += h * v[a]
                 for j in range(n):
-                    Adjoint[i, j] -= h * B[j, a]
-                    Adjoint[j, i] -= h * B[j, a]
-                for b in range(m):
-                    for j in range(n):
-                        Adjoint[i, j] += h * M[a, b] * H[b, j]
-    symmetrise(Adjoint)
+                    row[j] += h * C[a, j]
+        if seen:  # the same sums in both triangles: it stays symmetric to the bit
+            for j in range(n):
+                Adjoint[i, j] += row[j]
+                Adjoint[j, i] += row[j]
 
 
-@compiled
+@fused_kernel
 def smoothed(P, adjoint, Adjoint, dx, P_smoothed):
     """Fill dx (n,) = P lambda and the first k rows and columns of P - P Lambda P; P: (n, n), P_smoothed: (k, k)."""
     n, k = P.shape[0], P_smoothed.shape[0]
     for i in range(n):
         dx[i] = 0.0
-        for j in range(n):
-            dx[i] += P[i, j] * adjoint[j]
-    A = np.zeros((k, n))
+    for j in range(n):
+        p = adjoint[j]
+        for i in range(n):
+            dx[i] += P[j, i] * p
+    row, left = vector(n), vector(k)
     for i in range(k):
+        for m in range(n):
+            row[m] = 0.0
         for j in range(n):
             p = P[i, j]
             if p != 0.0:
                 for m in range(n):
-                    A[i, m] += p * Adjoint[j, m]
-    for i in range(k):
+                    row[m] += p * Adjoint[j, m]
+        for j in range(k):
+            left[j] = P[i, j]
+        for m in range(n):
+            p = row[m]
+            for j in range(k):
+                left[j] -= p * P[m, j]
         for j in range(i + 1):
-            total = P[i, j]
-            for m in range(n):
-                total -= A[i, m] * P[j, m]
-            P_smoothed[i, j] = total
-            P_smoothed[j, i] = total
+            P_smoothed[i, j] = left[j]
+            P_smoothed[j, i] = left[j]

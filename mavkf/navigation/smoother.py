@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.ahead import Ahead
 from mavkf.models.strapdown import DDELAY
 from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
@@ -81,13 +82,21 @@ def smooth(
             slot, made = smoothing.fold_block(state, block, slot, 0, c, rate_hz, held, faults, poses, out)
             rows.append(rows[-1] + made)
             progress(SECOND_PASS_SHARE * first / count)
-        out = L.buffers(ROOM, ROOM, SENSORS, T.BEGIN + ENTRIES * BLOCK + SLACK)
         adjoint, Adjoint = np.zeros(STATES_MOST), np.zeros((STATES_MOST, STATES_MOST))
-        for k in reversed(range(len(starts))):
-            first = starts[k]
-            state[:] = marks.block(k, k + 1)[0]
-            block = events.block(first, first + BLOCK)
-            made = smoothing.fold_block(state, block, slots[k], 0, c, rate_hz, held, faults, poses, out)[1]
-            smoothing.sweep(out[5], adjoint, Adjoint, poses, delay)
-            yield rows[k], poses[:made]
-            progress(1.0 - (1.0 - SECOND_PASS_SHARE) * first / count)
+
+        def recorded() -> Iterator[tuple[int, Array, Array]]:
+            """Number of a block, its tape and its pose rows, in turn on one of two tapes: from the last block to the first."""
+            size = T.BEGIN + ENTRIES * BLOCK + SLACK
+            places = [(L.buffers(ROOM, ROOM, SENSORS, size), np.empty((BLOCK, L.POSE_WIDTH))) for _ in range(2)]
+            for k in reversed(range(len(starts))):
+                out, poses = places[k % 2]
+                state[:] = marks.block(k, k + 1)[0]
+                block = events.block(starts[k], starts[k] + BLOCK)
+                made = smoothing.fold_block(state, block, slots[k], 0, c, rate_hz, held, faults, poses, out)[1]
+                yield k, out[5], poses[:made]
+
+        with Ahead(recorded()) as blocks:
+            for k, tape, poses in blocks:
+                smoothing.sweep(tape, adjoint, Adjoint, poses, delay)
+                yield rows[k], poses
+                progress(1.0 - (1.0 - SECOND_PASS_SHARE) * starts[k] / count)

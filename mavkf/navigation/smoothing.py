@@ -10,11 +10,12 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import compiled
+from mavkf.compiled import kernel, long_kernel
 from mavkf.filters.bryson_frazier import back_over_correction, back_over_transition, exchange, smoothed
 from mavkf.models import telemetry
 from mavkf.models.strapdown import BG, DGNSS, POS, TOP, VEL, V, retract
 from mavkf.models.telemetry import OMEGA
+from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.covariance import bring_up
@@ -22,11 +23,15 @@ from mavkf.navigation.fold import fold
 from mavkf.navigation.pose import pose_row, show
 from mavkf.navigation.timeline import is_lone_fix, is_sample_in_use, slot_of
 from mavkf.samples import TIME
+from mavkf.stack import block, copy, matrix, vector
 
 KINEMATIC = 9  # error states of attitude, velocity and position, whose covariance a pose shows
+X_SIZE = L.X_SIZE
+INTEGRATED = np.arange(TOP)
+MOVING = np.array([telemetry.place(m) for m in range(telemetry.M)])
 
 
-@compiled
+@long_kernel
 def fold_block(s, events, slot, count, c, rate, held, faults, poses, out):
     """Fold sorted events (m, EVENT_WIDTH); where `out` has a tape, record them and the poses that fall due, whose rows begin at `count`.
 
@@ -58,7 +63,7 @@ def fold_block(s, events, slot, count, c, rate, held, faults, poses, out):
     return slot, count
 
 
-@compiled
+@kernel
 def use_hindsight(s, t, held, faults):
     """Give one half of the state what is known of the whole flight, before an event at t (s).
 
@@ -73,53 +78,57 @@ def use_hindsight(s, t, held, faults):
             s[L.AGREES_SINCE] = np.nan
 
 
-@compiled
+@long_kernel
 def sweep(tape, adjoint, Adjoint, poses, delay):
     """Go back over a tape, from lambda (STATES_MOST,) and Lambda (STATES_MOST, STATES_MOST) behind it to those before; smooth its poses.
 
     delay: s, one sigma of a GNSS delay that is not estimated.
     """
-    integrated = np.arange(TOP)
-    moving = np.empty(telemetry.M, dtype=np.int64)
-    for m in range(telemetry.M):
-        moving[m] = telemetry.place(m)
-    end = int(tape[T.LENGTH])
+    end, states = int(tape[T.LENGTH]), STATES_MOST
     while end > T.BEGIN:
         n, size, kind = int(tape[end - 3]), int(tape[end - 2]), int(tape[end - 1])
         k = end - T.TAIL - size
         end = k
         # what the state did not have before says nothing of it
-        adjoint[n:] = 0.0
-        Adjoint[n:, :] = 0.0
-        Adjoint[:, n:] = 0.0
-        low, full = adjoint[:n], Adjoint[:n, :n]
+        forget(adjoint, Adjoint, n, states)
+        states = n
+        low = adjoint[:n]
         if kind == T.POSE:
-            smooth_row(tape, k, n, low, full, poses[int(tape[k + T.P_ROW])], delay)
+            smooth_row(tape, k, n, low, Adjoint, poses[int(tape[k + T.P_ROW])], delay)
         elif kind == T.TRANSITION:
             for i in range(3):
-                link(low, full, DGNSS + i, DGNSS + i, tape[k + T.T_DECAY + i // 2])
+                link(low, Adjoint, DGNSS + i, DGNSS + i, tape[k + T.T_DECAY + i // 2])
             Phi = tape[k + T.T_PHI : k + size]
             if Phi.shape[0] == 9 * TOP:
-                back_over_transition(low, full, Phi.reshape((9, TOP)), integrated)
+                back_over_transition(low, Adjoint, block(Phi, 0, 9, TOP), INTEGRATED)
             else:
-                back_over_transition(low, full, Phi.reshape((telemetry.M, telemetry.M)), moving)
+                back_over_transition(low, Adjoint, block(Phi, 0, telemetry.M, telemetry.M), MOVING)
         elif kind == T.CORRECTION:
-            over_correction(tape, k, n, low, full)
+            over_correction(tape, k, n, low, Adjoint)
         elif kind == T.LINK:
-            link(low, full, int(tape[k]), int(tape[k + 1]), tape[k + 2])
+            link(low, Adjoint, int(tape[k]), int(tape[k + 1]), tape[k + 2])
         else:
-            adjoint[:] = 0.0
-            Adjoint[:, :] = 0.0
+            forget(adjoint, Adjoint, 0, states)
 
 
-@compiled
+@kernel
+def forget(adjoint, Adjoint, n, states):
+    """Have nothing said of the error states from number n on, of as many states."""
+    for i in range(n, states):
+        adjoint[i] = 0.0
+        for j in range(states):
+            Adjoint[i, j] = 0.0
+            Adjoint[j, i] = 0.0
+
+
+@kernel
 def link(adjoint, Adjoint, to, of, factor):
     """Go back over a state `to` that has become factor times the state `of`, and noise: lambda_of += factor lambda_to, lambda_to = 0."""
     n = adjoint.shape[0]
     value = adjoint[to]
     adjoint[to] = 0.0
     adjoint[of] += factor * value
-    row = np.empty(n)
+    row = vector(n)
     for j in range(n):
         row[j] = Adjoint[to, j]
         Adjoint[to, j] = 0.0
@@ -132,7 +141,7 @@ def link(adjoint, Adjoint, to, of, factor):
     Adjoint[of, of] += factor * factor * own
 
 
-@compiled
+@kernel
 def over_correction(tape, k, n, adjoint, Adjoint):
     """Go back over a correction whose content begins at place k."""
     m = int(tape[k + T.C_SIZE])
@@ -140,28 +149,30 @@ def over_correction(tape, k, n, adjoint, Adjoint):
     k += T.C_R
     r = tape[k : k + m]
     k += m
-    inverse = tape[k : k + m * m].reshape((m, m))
+    inverse = block(tape, k, m, m)
     k += m * m
-    H = tape[k : k + m * n].reshape((m, n))
+    H = block(tape, k, m, n)
     k += m * n
-    K = tape[k : k + m * n].reshape((n, m))
+    K = block(tape, k, n, m)
     if gain == T.OPTIMAL:
         back_over_correction(adjoint, Adjoint, r, inverse, H, K)
         return
     k += m * n
-    D = tape[k : k + m * n].reshape((n, m))
+    D, whole = block(tape, k, n, m), matrix(n, m)
+    for i in range(n):
+        for a in range(m):
+            whole[i, a] = K[i, a] + D[i, a]
     done = exchange(adjoint, Adjoint, r, inverse, D, 1.0)
     if gain == T.KEPT_FROM_MOTION:
         # what the filter has kept from the motion tells the smoother nothing of it either: the measurement is taken out
-        done = done and exchange(adjoint, Adjoint, r, inverse, K + D, -1.0)
+        done = done and exchange(adjoint, Adjoint, r, inverse, whole, -1.0)
     else:
-        back_over_correction(adjoint, Adjoint, r, inverse, H, K + D)
+        back_over_correction(adjoint, Adjoint, r, inverse, H, whole)
     if not done:
-        adjoint[:] = 0.0
-        Adjoint[:, :] = 0.0
+        forget(adjoint, Adjoint, 0, n)
 
 
-@compiled
+@kernel
 def cover_delay(P, v, a, sigma):
     """Add to P what a delay of one sigma (s) would shift, that was not estimated: position by v delta, velocity by a delta."""
     for i in range(3):
@@ -172,13 +183,12 @@ def cover_delay(P, v, a, sigma):
             P[VEL + j, POS + i] = P[POS + i, VEL + j]
 
 
-@compiled
+@kernel
 def smooth_row(tape, k, n, adjoint, Adjoint, row, delay):
     """Put what is smoothed into a pose row of the filter: what was valid stays so; mode, flags and protection levels are the filter's."""
-    x = tape[k + T.P_X : k + T.P_P].copy()
-    P = tape[k + T.P_P : k + T.P_P + n * n].reshape((n, n))
-    dx = np.empty(n)
-    P_smoothed = np.empty((KINEMATIC, KINEMATIC))
+    x, dx, P_smoothed = vector(X_SIZE), vector(n), matrix(KINEMATIC, KINEMATIC)
+    copy(x, tape[k + T.P_X : k + T.P_P])
+    P = block(tape, k + T.P_P, n, n)
     smoothed(P, adjoint, Adjoint, dx, P_smoothed)
     retract(x, dx)
     cover_delay(P_smoothed, x[V : V + 3], tape[k + T.P_ACCELERATION : k + T.P_X], delay)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mavkf.ahead import Ahead
 from mavkf.config import Config
 from mavkf.errors import LogError, UsageError
 from mavkf.link.clocks import VehicleClock
@@ -17,7 +18,6 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.events import EventOrder
 from mavkf.navigation.setup import choose
 from mavkf.navigation.spool import IN_MEMORY, Spool
-from mavkf.replay.ahead import Ahead
 from mavkf.replay.export import CsvFile
 from mavkf.replay.options import Options, Watch
 from mavkf.replay.run import run
