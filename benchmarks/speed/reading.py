@@ -10,11 +10,20 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.speed.measure import Figure, Settings, alone, figure, in_turns, missing, seconds
+from mavkf.ahead import Ahead
 from mavkf.link.framing import scan_records
-from mavkf.replay.tlog import map_log, read_tlog
+from mavkf.replay.tlog import TlogReader, map_log, read_tlog
+from mavkf.samples import ACCEL, FIX, GNSS_YAW, GYRO, IMU_TEMPERATURE, KIND, PRESSURE, SOURCE, STAMP, Kind
 
+Array = NDArray[np.float64]
+COLUMNS = {
+    Kind.IMU: [STAMP, SOURCE, *range(GYRO, ACCEL + 3), IMU_TEMPERATURE],
+    Kind.GNSS: [STAMP, SOURCE, *range(FIX, GNSS_YAW + 1)],
+    Kind.BAROMETER: [STAMP, SOURCE, PRESSURE],
+}
 TYPES = ["RAW_IMU", "GPS_RAW_INT", "SCALED_PRESSURE"]
 SIZE = 100_000_000  # bytes
 PARSED = 20_000_000  # bytes that pymavlink reads of it: its time grows with them
@@ -40,7 +49,8 @@ def _read(settings: Settings, size: int) -> list[Figure]:
         megabytes = times * len(flight) / 1e6
         works = {
             "bytes": lambda: megabytes / seconds(lambda: np.fromfile(whole, np.uint8)),
-            "read": lambda: megabytes / seconds(lambda: read_tlog(whole)),
+            "read": lambda: megabytes / seconds(lambda: arrays(whole)),
+            "log": lambda: megabytes / seconds(lambda: read_tlog(whole)),
             "scan": lambda: megabytes / seconds(lambda: scan_records(map_log(whole))),
             "pymavlink": lambda: part.stat().st_size / 1e6 / seconds(lambda: count(part)),
         }
@@ -49,32 +59,35 @@ def _read(settings: Settings, size: int) -> list[Figure]:
         took = in_turns(works, settings.runs(RUNS), warm=not settings.quick)
     on = f"{settings.named} {times} times, {megabytes:.0f} MB"
     read, unit = took["read"], "MB/s"
+    title = "mavkf `TlogReader`, to arrays"
     figures = [
-        figure("mavkf `read_tlog`", unit, read, "pymavlink `recv_match`", took["pymavlink"], on),
-        figure(
-            "mavkf `read_tlog`",
-            unit,
-            read,
-            "`numpy.fromfile`",
-            took["bytes"],
-            "of the same bytes, which gives no fields",
-        ),
+        figure(title, unit, read, "pymavlink `recv_match`", took["pymavlink"], on),
+        figure(title, unit, read, "`numpy.fromfile`", took["bytes"], "of the same bytes, which gives no fields"),
     ]
     if fast is None:
         figures.append(missing("fasttlogparser", "not installed: `pip install --no-build-isolation fasttlogparser`"))
     else:
-        figures.insert(
-            1, figure("mavkf `read_tlog`", unit, read, "fasttlogparser", took["fast"], "of the same messages")
-        )
+        figures.insert(1, figure(title, unit, read, "fasttlogparser", took["fast"], "of the same messages"))
         figures.append(alone("fasttlogparser", unit, took["fast"]))
     return [
         *figures,
-        figure(
-            "mavkf `scan_records` alone", unit, took["scan"], "mavkf `read_tlog`", read, "frames found, CRC checked"
-        ),
+        figure("mavkf `scan_records` alone", unit, took["scan"], title, read, "frames found, CRC checked"),
+        figure("mavkf `read_tlog`", unit, took["log"], title, read, "all rows, of all sensors, in memory"),
         alone("pymavlink `recv_match`", unit, took["pymavlink"]),
         alone("`numpy.fromfile`", unit, took["bytes"], "bound by the memory"),
     ]
+
+
+def arrays(path: Path) -> dict[Kind, Array]:
+    """Read arrays of the IMU, GNSS and pressure samples: STAMP, SOURCE and what was measured, of all messages that have such."""
+    parts: dict[Kind, list[Array]] = {kind: [] for kind in COLUMNS}
+    with Ahead(iter(TlogReader(path))) as blocks:
+        for block in blocks:
+            for rows in block.rows.values():
+                for kind, columns in COLUMNS.items():
+                    mine = np.flatnonzero(rows[:, KIND] == kind)
+                    parts[kind].append(np.take(rows, mine, axis=0)[:, columns])
+    return {kind: np.concatenate(found) for kind, found in parts.items()}
 
 
 def count(path: Path) -> int:

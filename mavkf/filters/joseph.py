@@ -15,25 +15,30 @@ import numpy as np
 from mavkf.compiled import compiled, kernel
 from mavkf.filters.covariance import predict as predict_covariance
 from mavkf.filters.dense import identity
+from mavkf.stack import vector
 
 
 @kernel
 def innovation_covariance(P, H, R, PHt, S):
     """Fill PHt = P H' (n, m) and S = H P H' + R (m, m). P: (n, n), H: (m, n), R: (m, m)."""
     m, n = H.shape
+    row = vector(n)  # of H P, so that the sums run along the rows of P
     for b in range(m):
         for i in range(n):
-            PHt[i, b] = 0.0
+            row[i] = 0.0
         for j in range(n):
             h = H[b, j]
             if h != 0.0:
                 for i in range(n):
-                    PHt[i, b] += P[j, i] * h
-    for a in range(m):
-        for b in range(a, m):
+                    row[i] += P[j, i] * h
+        for i in range(n):
+            PHt[i, b] = row[i]
+        for a in range(b + 1):
             total = 0.5 * (R[a, b] + R[b, a])
             for j in range(n):
-                total += H[a, j] * PHt[j, b]
+                h = H[a, j]
+                if h != 0.0:
+                    total += h * row[j]
             S[a, b] = total
             S[b, a] = total
 

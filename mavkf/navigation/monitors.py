@@ -147,12 +147,17 @@ def follow_transition(s, Phi):
     before = vector(TRANSITION)
     for i in range(TRANSITION):
         before[i] = s[k + i]
+    row = vector(TOP)
     for i in range(9):
         for j in range(TOP):
-            total = Phi[i, j] if j >= 9 else 0.0
-            for m in range(9):
-                total += Phi[i, m] * before[TOP * m + j]
-            s[k + TOP * i + j] = total
+            row[j] = Phi[i, j] if j >= 9 else 0.0
+        for m in range(9):
+            p = Phi[i, m]
+            if p != 0.0:
+                for j in range(TOP):
+                    row[j] += p * before[TOP * m + j]
+        for j in range(TOP):
+            s[k + TOP * i + j] = row[j]
 
 
 @kernel
@@ -245,8 +250,9 @@ def watch(s, e, sensor, r, H, inverse, K, nis, tells):
     for i in range(n):
         for a in range(m):
             gain = K[i, a]
-            for column in range(COLUMNS):
-                f[i, column] += gain * G[a, column]
+            if gain != 0.0:
+                for column in range(COLUMNS):
+                    f[i, column] += gain * G[a, column]
 
 
 @kernel
