@@ -7,6 +7,7 @@
 or, offline, `run_offline(rows, config)`: the same events in the order in which they were measured, in one go.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from mavkf.navigation.events import SortedEvents, select, to_events
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
+from mavkf.navigation.stated import late_words, too_late
 from mavkf.samples import KIND, TIME, Kind, Source
 
 if TYPE_CHECKING:
@@ -66,6 +68,8 @@ class SessionEstimator:
         self.setup: Setup | None = None
         self.state = np.empty(L.STATE_SIZE)
         self.parameters: Array = np.zeros(PARAMETERS)
+        self.late_parameters: Counter[str] = Counter()
+        """Those of the autopilot, by name, that came after the set-up and would have changed it."""
         self._lag = lag_s
         self._lagging: FixedLag | None = None
         self._waiting: list[Array] = []
@@ -90,6 +94,7 @@ class SessionEstimator:
                 # they are as old as the set-up is long: nobody would want them now, in a burst
                 output.poses = output.poses[:0]
                 yield output
+        self.late_parameters.update(_too_late(rows, self.setup, self.config))
         yield from self._run(rows)
 
     def finish(self) -> Iterator[Output]:
@@ -181,6 +186,11 @@ class SessionEstimator:
             )
 
 
+def _too_late(rows: Array, setup: Setup, config: Config) -> list[str]:
+    """The names of parameters among rows after the set-up that would have changed it."""
+    return too_late(rows, setup.stated, config.vehicle, setup.gnss, setup.magnetometer)
+
+
 def fold_counts(state: Array) -> dict[str, int]:
     """What a state has counted: repeated values, fixes without a position, gaps of the IMU."""
     return {
@@ -221,11 +231,14 @@ def run_offline(
     form: names of a form of `mavkf.filters` and an order, whose pose rows are wanted instead (then not smoothed).
     """
     decider = SessionEstimator(config, rate_hz, imu, model)
-    decider._decide(rows)
+    after = decider._decide(rows)[1]
     if decider.setup is None:
         decider._start(rows)
     setup = decider.setup
     assert setup is not None
+    late = _too_late(after, setup, config)
+    if late:
+        setup = msgspec.structs.replace(setup, reasons=(*setup.reasons, late_words(late)))
     c = decider.parameters
     events = SortedEvents(rows, setup)
     state = decider.state
