@@ -1,7 +1,7 @@
 """Which parameters an autopilot is asked for, and when: at its first heartbeat, so that they are there when the sensors are chosen.
 
-Who does not answer is asked again twice, later and later, and then left alone: an ArduPilot says nothing of names that it does not have.
-What others make it say counts as well. Nothing waits for an answer.
+Who does not answer is asked again twice, later and later, and then left alone: of names that it does not have an ArduPilot says nothing, a
+newer one PARAM_ERROR. What others make it say counts as well. Nothing waits for an answer.
 """
 
 import math
@@ -56,7 +56,7 @@ class ParameterQuestions:
     def __init__(
         self, address: Address, autopilot: int, budget: Callable[[], float], say: Callable[[str], None]
     ) -> None:
-        """address, autopilot: of the autopilot, its MAV_AUTOPILOT; say: told once what was read.
+        """address, autopilot: of the autopilot, its MAV_AUTOPILOT; say: told what was read, again only where it is other.
 
         budget: the bytes a second that its answers may take.
         """
@@ -68,6 +68,7 @@ class ParameterQuestions:
     def begin(self) -> None:
         """Take it that nothing is known."""
         self._values: dict[Name, float] = {}
+        self._denied: set[Name] = set()
         self._next_s = -math.inf
         self._script = self._ask()
         self._is_over = False
@@ -75,6 +76,10 @@ class ParameterQuestions:
     def heard(self, name: Name, value: float) -> None:
         """A PARAM_VALUE has come."""
         self._values[name] = value
+
+    def denied(self, name: Name) -> None:
+        """A PARAM_ERROR has come."""
+        self._denied.add(name)
 
     def step(self, t: float) -> list[mavlink.MAVLink_message]:
         """What to ask now. Call it several times a second."""
@@ -87,7 +92,6 @@ class ParameterQuestions:
             name = next(self._script, None)
             if name is None:
                 self._is_over = True
-                self._tell()
             elif isinstance(name, Name):
                 messages.append(mavlink.MAVLink_param_request_read_message(*self._address, name.name.encode(), -1))
                 self._next_s += max(LEAST_GAP_S, message_bytes("PARAM_VALUE") / budget)
@@ -100,14 +104,16 @@ class ParameterQuestions:
         for wait in ROUNDS_S:
             for names in self._questions:
                 for name in names:
-                    if not self._has_answer(names):
+                    if name not in self._denied and not self._has_answer(names):
                         yield name
+            if not all(map(self._has_answer, self._questions)):
+                yield wait
+            self._tell()
             if all(map(self._has_answer, self._questions)):
                 return
-            yield wait
 
     def _has_answer(self, names: tuple[Name, ...]) -> bool:
-        return any(name in self._values for name in names)
+        return any(name in self._values for name in names) or self._denied.issuperset(names)
 
     def _tell(self) -> None:
         text = ", ".join(f"{name.name} {value:.6g}" for name, value in sorted(self._values.items()))

@@ -28,7 +28,7 @@ _COUNTED = {message_ids()[name]: name for stream in STREAMS for name in stream.s
 _RADIO = ("RADIO_STATUS", "RADIO")
 _ANSWERS = {
     message_ids()[name]: name
-    for name in ("HEARTBEAT", "SYSTEM_TIME", "MESSAGE_INTERVAL", "COMMAND_ACK", "PARAM_VALUE", *_RADIO)
+    for name in ("HEARTBEAT", "SYSTEM_TIME", "MESSAGE_INTERVAL", "COMMAND_ACK", "PARAM_VALUE", "PARAM_ERROR", *_RADIO)
 }
 
 
@@ -232,8 +232,18 @@ def _answer(talk: Conversation, name: str, fields: np.void, manners: Manners) ->
         talk.boot_time(int(fields["time_boot_ms"]))
     elif name == "MESSAGE_INTERVAL":
         talk.interval(int(fields["message_id"]), int(fields["interval_us"]))
-    elif int(fields["target_system"]) in (0, manners.system or talk.address[0]) and int(fields["target_component"]) in (
-        0,
-        manners.component,
-    ):
+    elif not _is_to_us(talk, fields, manners):
+        return
+    elif name == "COMMAND_ACK":
         talk.acknowledged(int(fields["command"]), int(fields["result"]))
+    elif name == "PARAM_ERROR":
+        parameter = AutopilotParameter.__members__.get(fields["param_id"].decode("ascii", "replace"))
+        if parameter is not None:
+            talk.parameters.denied(parameter)
+
+
+def _is_to_us(talk: Conversation, fields: np.void, manners: Manners) -> bool:
+    """Whether an answer has our address, or nobody's."""
+    return int(fields["target_system"]) in (0, manners.system or talk.address[0]) and int(
+        fields["target_component"]
+    ) in (0, manners.component)
