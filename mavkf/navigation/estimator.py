@@ -7,6 +7,7 @@
 or, offline, `run_offline(rows, config)`: the same events in the order in which they were measured, in one go.
 """
 
+import mmap
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -149,9 +150,9 @@ class SessionEstimator:
             self._lagging = FixedLag(self.state, self.parameters, self.rate, self._lag)
 
     def _allocate(self) -> None:
-        self._events = np.empty((HISTORY, L.EVENT_WIDTH))
-        self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
-        self._out = L.buffers(BUFFER, BUFFER, SENSORS * HISTORY)
+        self._events = _untouched(HISTORY, L.EVENT_WIDTH)
+        self._snapshots = _untouched(timeline.snapshots_of(HISTORY), L.STATE_SIZE)
+        self._out = L.buffers(BUFFER, BUFFER, HISTORY)
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
     def _run(self, rows: Array) -> Iterator[Output]:
@@ -184,6 +185,11 @@ class SessionEstimator:
                 self._out[0][: self._out[2][0]].copy(),
                 self._out[1][: self._out[2][1]].copy(),
             )
+
+
+def _untouched(rows: int, columns: int) -> Array:
+    """Zeros (rows, columns) of which only what is written takes memory, page by page; numpy's own may come in huge pages."""
+    return np.frombuffer(mmap.mmap(-1, 8 * rows * columns, access=mmap.ACCESS_COPY)).reshape(rows, columns)
 
 
 def _too_late(rows: Array, setup: Setup, config: Config) -> list[str]:

@@ -201,7 +201,7 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
     begin(state, c)
     cursor[timeline.LAST_SLOT] = -1
     history = np.empty((capacity, L.EVENT_WIDTH))
-    snapshots = np.empty((capacity // timeline.STRIDE + 2, L.STATE_SIZE))
+    snapshots = np.empty((timeline.snapshots_of(capacity), L.STATE_SIZE))
     marks, poses = np.full(timeline.MARKS_SIZE, -np.inf), np.empty((BUFFER, L.POSE_WIDTH))
     out = L.buffers(BUFFER, BUFFER, 4 * capacity)
     i = 0
