@@ -212,6 +212,22 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
     return state, cursor
 
 
+def test_a_history_is_as_large_as_its_window_needs(rows: Array) -> None:
+    rate = rows.shape[0] / (rows[-1, TIME] - rows[0, TIME])
+    needed = CONFIG.timeline.window_s * rate
+    capacities = []
+    for count in (900, 1000, rows.shape[0]):
+        cursor = run(rows[:count])[0]._cursor
+        capacities.append(int(cursor[timeline.CAPACITY]))
+    assert capacities[0] <= capacities[1] <= capacities[2]
+    assert needed < capacities[2] <= 4.0 * needed
+    # what is not in use takes no memory: it was never written
+    estimator, _ = run(rows)
+    written = np.flatnonzero(estimator._snapshots[:, : L.HALF].any(axis=1)).max() + 1
+    assert written <= timeline.snapshots_of(capacities[2])
+    assert not estimator._events[capacities[2] :].any()
+
+
 def test_a_full_history_forgets_its_older_half_and_nothing_else(rows: Array, batch: Offline) -> None:
     # 256 of 512 events stay after a cut, two seconds: more than the lateness
     late = shuffled(rows, 3, 0.8, start=rows[0, TIME] + SETUP + 1.0)
