@@ -106,6 +106,11 @@ class Talk:
         for talk in self.conversations.values():
             talk.look_again()
 
+    def session_ended(self) -> None:
+        """A session was ended here, not by the vehicle: the next one must hear the parameters again."""
+        for talk in self.conversations.values():
+            talk.parameters.begin()
+
     def _note_radio(self) -> None:
         """A radio reports how it fares: what passes here is routed, and the pilot's."""
         if self._has_radio:

@@ -10,11 +10,15 @@ from mavkf.link.decode import decode
 from mavkf.link.framing import FrameStream
 from mavkf.replay.run import Options, run
 from mavkf.samples import PARAMETER, PARAMETER_VALUE, AutopilotParameter, Source
+from mavkf.service.belief import Belief
 from mavkf.service.parameters import QUESTIONS, ROUNDS_S
+from mavkf.service.talk import Manners
 from mavkf.service.vehicle import VehicleStream
+from mavkf.service.worker import Worker
 
 from ._autopilot import UTC_US, Autopilot
 from .test_conversation import Bench, Wire, radio
+from .test_way_in import WayIn
 
 ARDUPILOT, PX4 = (2, 3), (2, 12)
 ARM = {
@@ -128,6 +132,18 @@ def test_a_reboot_is_asked_again() -> None:
     bench.run(30.0)
     assert len(asked(vehicle)) == 2 * before
     assert sum("its parameters say" in line for line in bench.said) == 1  # they are the same
+
+
+def test_who_has_its_session_reset_is_asked_again() -> None:
+    vehicle = Autopilot(parameters=ARM)
+    bench = Bench(vehicle)
+    fleet = WayIn(Belief(), Manners()).fleet
+    worker = Worker(fleet, [bench.wire], [], [bench.talk], Belief(), [FrameStream()])  # type: ignore[arg-type]
+    bench.run(10.0)
+    before = len(asked(vehicle))
+    worker._fleet.when_ended()
+    bench.run(10.0)
+    assert len(asked(vehicle)) == 2 * before
 
 
 def test_nobody_is_asked_where_streams_may_not_be() -> None:
