@@ -102,7 +102,7 @@ def too_late(
         ) or concerned & new.compasses_off.keys() != concerned & chosen.compasses_off.keys()
 
     news = ((Name(int(name)), value) for name, value in mine[:, [PARAMETER, PARAMETER_VALUE]].tolist())
-    return [name.name for name, value in news if matters(name, value)]
+    return [name.name for name, value in news if used.get(name) != value and matters(name, value)]
 
 
 def late_words(names: Iterable[str]) -> str:

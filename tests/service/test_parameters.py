@@ -4,12 +4,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mavkf.config import Config, with_settings
 from mavkf.link.decode import decode
 from mavkf.link.framing import FrameStream
+from mavkf.navigation.setup import choose
+from mavkf.navigation.stated import FARTHEST, LONGEST_S, too_late, values_of
 from mavkf.replay.run import Options, run
-from mavkf.samples import PARAMETER, PARAMETER_VALUE, AutopilotParameter, Source
+from mavkf.samples import PARAMETER, PARAMETER_VALUE, ROW_WIDTH, AutopilotParameter, Source
 from mavkf.service.belief import Belief
 from mavkf.service.parameters import QUESTIONS, ROUNDS_S
 from mavkf.service.talk import Manners
@@ -308,6 +313,32 @@ def test_live_equals_the_replay_of_its_recording_however_it_was_cut(tmp_path: An
     offline = run(tmp_path / "flight.tlog", Options()).sessions[0].setup
     assert offline.antenna == bench.setup.antenna
     assert offline.reasons[-1].startswith("GPS1_POS_X of the autopilot's parameters came after")
+
+
+NAMES, NUMBERS = (
+    st.sampled_from(AutopilotParameter),
+    st.one_of(st.floats(width=32), st.integers(-1100, 1100).map(float)),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(NAMES, NUMBERS, st.integers(0, 255)), max_size=40), st.integers(0, 40))
+def test_no_values_upset_the_choice_of_the_sensors(said: list[tuple[AutopilotParameter, float, int]], cut: int) -> None:
+    vehicle, stream = Autopilot(), FrameStream()
+    data = [
+        vehicle._packed(mavlink.MAVLink_param_value_message(name.name.encode(), value, kind, 900, 0))
+        for name, value, kind in said
+    ]
+    rows = decode(*stream.push(b"".join(data), 0)).get((1, 1), np.empty((0, ROW_WIDTH)))
+    setup = choose(rows[:cut], Config())
+    assert all(abs(d) <= 2 * FARTHEST for d in setup.antenna)
+    assert 0.0 <= setup.gnss_delay <= LONGEST_S
+    late = too_late(rows[cut:], setup.stated, Config().vehicle, setup.gnss, setup.magnetometer)
+    assert set(late) <= {name.name for name, _, _ in said}
+    # what has been used is not late
+    known = values_of(rows[:cut])
+    again = rows[:cut][[known[row[PARAMETER]] == row[PARAMETER_VALUE] for row in rows[:cut]]]
+    assert not too_late(again, known, Config().vehicle, setup.gnss, setup.magnetometer)
 
 
 def test_the_names_are_those_of_the_wire() -> None:
