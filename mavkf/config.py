@@ -37,7 +37,12 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     gnss_delay_s: (
         Annotated[
             float,
-            Meta(ge=0.0, le=1.0, description="s: the fix is older than its stamp (automatic: ArduPilot 0.085, else 0)"),
+            Meta(
+                ge=0.0,
+                le=1.0,
+                description="s: the fix is older than its stamp (automatic: as the autopilot's parameters say, "
+                "else ArduPilot 0.085, others 0)",
+            ),
         ]
         | None
     ) = None
@@ -72,15 +77,21 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             "that does not know how it is mounted: applies to every IMU message and to the magnetic field in it"
         ),
     ] = (0.0, 0.0, 0.0)
-    gnss_antenna_b_m: Annotated[
-        tuple[Length, Length, Length],
-        Meta(description="m: where the GNSS antenna is from the IMU: forward, right, down"),
-    ] = (0.0, 0.0, 0.0)
+    gnss_antenna_b_m: (
+        Annotated[
+            tuple[Length, Length, Length],
+            Meta(
+                description="m: where the GNSS antenna is from the IMU: forward, right, down (automatic: as the autopilot's "
+                "parameters say, else at the IMU)"
+            ),
+        ]
+        | None
+    ) = None
     estimate_antenna: Annotated[
         bool,
         Meta(
-            description="whether the antenna's place is estimated, beginning with the configured one (one sigma 0.05 m; 0.3 m where it is "
-            "all zeros); it is seen when the vehicle turns"
+            description="whether the antenna's place is estimated, beginning with the one that is told (one sigma 0.05 m; 0.3 m where it "
+            "is all zeros); it is seen when the vehicle turns"
         ),
     ] = False
     magnetic_declination_deg: (
@@ -92,7 +103,15 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         ]
         | None
     ) = None
-    use_magnetometer: Annotated[bool, Meta(description="whether the magnetometer is fused")] = True
+    use_magnetometer: (
+        Annotated[
+            bool,
+            Meta(
+                description="whether the magnetometer is fused (automatic: unless the autopilot's parameters say that it uses none)"
+            ),
+        ]
+        | None
+    ) = None
     use_rest: Annotated[
         bool, Meta(description="whether standing still (disarmed, nothing moves) is used as zero velocity and rate")
     ] = True

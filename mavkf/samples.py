@@ -42,6 +42,9 @@ SATELLITES, HDOP, VDOP, GNSS_YAW = 19, 20, 21, 22
 # SYSTEM_TIME: UNIX time (microseconds) at STAMP
 UNIX_US = 8
 
+# PARAMETER: an `AutopilotParameter`, and its value in the autopilot's own unit
+PARAMETER, PARAMETER_VALUE = 8, 9
+
 # HEARTBEAT: MAV_TYPE, MAV_AUTOPILOT, MAV_MODE_FLAG bits, MAV_STATE
 VEHICLE_TYPE, AUTOPILOT, BASE_MODE, SYSTEM_STATUS = 8, 9, 10, 11
 
@@ -51,6 +54,7 @@ class Kind(IntEnum):
 
     HEARTBEAT = 0
     SYSTEM_TIME = 1
+    PARAMETER = 2
     GNSS = 3
     MAGNETOMETER = 4
     BAROMETER = 5
@@ -85,6 +89,46 @@ class Source(IntEnum):
     SCALED_PRESSURE3 = 12
     SYSTEM_TIME = 13
     HEARTBEAT = 14
+    PARAM_VALUE = 15
+
+
+class AutopilotParameter(IntEnum):
+    """The parameters of autopilots that are read, by their names on the wire; what they mean is in `mavkf.navigation.stated`."""
+
+    # ArduPilot from 4.6 on
+    GPS1_POS_X = 0
+    GPS1_POS_Y = 1
+    GPS1_POS_Z = 2
+    GPS1_DELAY_MS = 3
+    # ArduPilot before that
+    GPS_POS1_X = 4
+    GPS_POS1_Y = 5
+    GPS_POS1_Z = 6
+    GPS_DELAY_MS = 7
+    # ArduPilot, both
+    INS_POS1_X = 8
+    INS_POS1_Y = 9
+    INS_POS1_Z = 10
+    COMPASS_ENABLE = 11
+    COMPASS_USE = 12
+    COMPASS_USE2 = 13
+    COMPASS_USE3 = 14
+    # PX4 from 1.18 on
+    SENS_GPS0_OFFX = 15
+    SENS_GPS0_OFFY = 16
+    SENS_GPS0_OFFZ = 17
+    SENS_GPS0_DELAY = 18
+    # PX4 before that
+    EKF2_GPS_POS_X = 19
+    EKF2_GPS_POS_Y = 20
+    EKF2_GPS_POS_Z = 21
+    EKF2_GPS_DELAY = 22
+    # PX4, both
+    EKF2_IMU_POS_X = 23
+    EKF2_IMU_POS_Y = 24
+    EKF2_IMU_POS_Z = 25
+    EKF2_MAG_TYPE = 26
+    SYS_HAS_MAG = 27
 
 
 IMU_SOURCES = (

@@ -16,24 +16,12 @@ import mavkf
 from mavkf.cli import COMMANDS, main
 from mavkf.cli._screens import COLUMNS
 from mavkf.cli._seen import Row
-from mavkf.estimate import Mode, Pose, Validity
+from mavkf.estimate import Pose
 from mavkf.publish.publisher import Publisher
 from mavkf.publish.records import decode
 from mavkf.publish.session import open_session
 
-POSE = Pose(
-    vehicle="1-1",
-    session=0,
-    seq=7,
-    lat_deg=47.3977421,
-    lon_deg=8.5455939,
-    alt_amsl_m=488.25,
-    euler_deg=(1.0, -2.0, None),
-    pose_covariance=(9.0, *(0.0,) * 6, 16.0, *(0.0,) * 6, 0.25, *(None,) * 21),
-    valid=Validity(position=True, tilt=True),
-    mode=Mode.NAVIGATING,
-    flags=("still",),
-)
+from ._pose import POSE
 
 
 def run(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mavkf import samples as s
 from mavkf.link.layouts import HIGHEST_ID, message_dtype, message_ids
-from mavkf.samples import ROW_WIDTH, Kind, Source
+from mavkf.samples import ROW_WIDTH, AutopilotParameter, Kind, Source
 
 MILLI_G = 9.80665e-3
 MILLI_RAD_S = 1e-3
@@ -24,25 +24,31 @@ UINT8_MAX, UINT16_MAX = 0xFF, 0xFFFF
 
 # The values of one message: the columns of up to three rows, and what is read but is no column.
 MAGNETOMETER, BAROMETER, MAIN, EXTRA = (block * ROW_WIDTH for block in range(4))
-TIME_USEC, TIME_BOOT_MS, INSTANCE, UPDATED, IGNORED, SPEED, COURSE, YAW = range(EXTRA, EXTRA + 8)
-VALUES = EXTRA + 8
+TIME_USEC, TIME_BOOT_MS, INSTANCE, UPDATED, IGNORED, SPEED, COURSE, YAW, PARAMETER_TYPE, BITS = range(EXTRA, EXTRA + 10)
+VALUES = EXTRA + 10
 
 # Families of messages, each with its own rules.
-INTEGER_IMU, FLOAT_IMU, PRESSURE, GPS_RAW, HIL_GPS, GPS_INPUT, SYSTEM_TIME, HEARTBEAT = range(8)
+INTEGER_IMU, FLOAT_IMU, PRESSURE, GPS_RAW, HIL_GPS, GPS_INPUT, SYSTEM_TIME, HEARTBEAT, PARAM_VALUE = range(9)
 KIND_HEARTBEAT, KIND_SYSTEM_TIME, KIND_GNSS = int(Kind.HEARTBEAT), int(Kind.SYSTEM_TIME), int(Kind.GNSS)
 KIND_MAGNETOMETER, KIND_BAROMETER, KIND_IMU = int(Kind.MAGNETOMETER), int(Kind.BAROMETER), int(Kind.IMU)
+KIND_PARAMETER = int(Kind.PARAMETER)
 
-ROWS_OF_FAMILY = np.array([2, 3, 1, 1, 1, 1, 1, 1])
+ROWS_OF_FAMILY = np.array([2, 3, 1, 1, 1, 1, 1, 1, 1])
 """The most rows that one message of a family gives."""
 
 
 class Reading(NamedTuple):
-    """One field of a message: the value that it gives is the raw value times `scale`, or NaN where it is `unknown`."""
+    """One field of a message: the value that it gives is the raw value times `scale`, or NaN where it is `unknown`.
+
+    A text gives the number of the `AutopilotParameter` that it names, NaN where it names none. as_integer: whether the bytes of a float
+    are read as a whole number.
+    """
 
     field: str
     slot: int
     scale: float = 1.0
     unknown: float = nan
+    as_integer: bool = False
 
 
 def _xyz(name: str, slot: int, scale: float = 1.0) -> tuple[Reading, ...]:
@@ -128,6 +134,12 @@ _HEARTBEAT = (
     Reading("base_mode", MAIN + s.BASE_MODE),
     Reading("system_status", MAIN + s.SYSTEM_STATUS),
 )
+_PARAM_VALUE = (
+    Reading("param_id", MAIN + s.PARAMETER),
+    Reading("param_value", MAIN + s.PARAMETER_VALUE),
+    Reading("param_value", BITS, as_integer=True),
+    Reading("param_type", PARAMETER_TYPE),
+)
 
 MESSAGES: dict[Source, tuple[int, tuple[Reading, ...]]] = {
     Source.RAW_IMU: (INTEGER_IMU, (USEC, *_INTEGER_IMU, Reading("id", INSTANCE))),
@@ -145,11 +157,14 @@ MESSAGES: dict[Source, tuple[int, tuple[Reading, ...]]] = {
     Source.SCALED_PRESSURE3: (PRESSURE, _PRESSURE),
     Source.SYSTEM_TIME: (SYSTEM_TIME, _SYSTEM_TIME),
     Source.HEARTBEAT: (HEARTBEAT, _HEARTBEAT),
+    Source.PARAM_VALUE: (PARAM_VALUE, _PARAM_VALUE),
 }
 """Every message that gives rows: its family, and how its fields are read."""
 
-# Columns of the table of readings. A type is the number of bytes, negative if signed; 0 is a float of four bytes.
+# Columns of the table of readings. A type is the number of bytes, negative if signed; 0 is a float of four bytes, TEXT a text.
 OFFSET, TYPE, SLOT, SCALE, UNKNOWN = range(5)
+TEXT = 16
+"""The bytes of a text, zeros at its end where it is shorter: those of `param_id`."""
 
 
 class Tables(NamedTuple):
@@ -159,12 +174,14 @@ class Tables(NamedTuple):
     families:  family of each source.
     first:     where the readings of each source begin; one more at the end.
     readings:  (k, 5) float64.
+    names:     of the parameters that are read, (n, TEXT).
     """
 
     sources: NDArray[np.int8]
     families: NDArray[np.int64]
     first: NDArray[np.int64]
     readings: NDArray[np.float64]
+    names: NDArray[np.uint8]
 
 
 @cache
@@ -181,8 +198,13 @@ def tables() -> Tables:
         layout: Any = message_dtype(source.name).fields
         for reading in fields:
             dtype, offset = layout[reading.field]
-            kind = {"u": dtype.itemsize, "i": -dtype.itemsize, "f": 0}[dtype.kind]
+            kind = {"u": dtype.itemsize, "i": -dtype.itemsize, "f": 0, "S": TEXT}[dtype.kind]
             assert kind or (dtype.itemsize == 4 and offset % 4 == 0)
+            assert kind != TEXT or dtype.itemsize == TEXT
+            if reading.as_integer:
+                kind = -dtype.itemsize
             readings.append((offset, kind, reading.slot, reading.scale, reading.unknown))
         first[source + 1] = len(readings)
-    return Tables(sources, families, first, np.array(readings, np.float64))
+    names = b"".join(parameter.name.encode().ljust(TEXT, b"\0") for parameter in AutopilotParameter)
+    table = np.frombuffer(names, np.uint8).reshape(-1, TEXT).copy()  # what is written to the compiled loop has one type
+    return Tables(sources, families, first, np.array(readings, np.float64), table)

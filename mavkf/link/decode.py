@@ -40,12 +40,30 @@ class DecodeCounts:
 
 
 @kernel
-def read_values(payload: Any, floats: Any, readings: Any, first: int, last: int, values: Any) -> None:
+def named(payload: Any, offset: int, names: Any) -> float:
+    """The number of the name, of those in `names` (n, TEXT), that stands in a payload; NaN where it is none of them."""
+    for k in range(names.shape[0]):
+        same = True
+        for i in range(c.TEXT):
+            if payload[offset + i] != names[k, i]:
+                same = False
+                break
+            if names[k, i] == 0:
+                break  # what stands behind the end is not said
+        if same:
+            return float(k)
+    return nan
+
+
+@kernel
+def read_values(payload: Any, floats: Any, readings: Any, names: Any, first: int, last: int, values: Any) -> None:
     """Fill values with the fields of a zero-extended payload (uint8; floats: the same memory as float32)."""
     for k in range(first, last):
         offset, kind = int(readings[k, c.OFFSET]), int(readings[k, c.TYPE])
         if kind == 0:
             raw = float(floats[offset >> 2])
+        elif kind == c.TEXT:
+            raw = named(payload, offset, names)
         else:
             size = abs(kind)
             bits = 0
@@ -79,6 +97,7 @@ def frame_rows(
     families: Any,
     first: Any,
     readings: Any,
+    names: Any,
     work: Any,
     counts: Any,
     out: Any,
@@ -96,7 +115,7 @@ def frame_rows(
             payload[j] = 0
         for j in range(c.VALUES):
             values[j] = nan
-        read_values(payload, floats, readings, first[source], first[source + 1], values)
+        read_values(payload, floats, readings, names, first[source], first[source + 1], values)
         time, clock = stamp(values)
         begin = counts[WRITTEN]
         message_rows(values, families[source], counts, out)

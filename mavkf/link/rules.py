@@ -19,8 +19,11 @@ FIRST_UNIX_US = 1e15
 
 NOT_FINITE, OTHER_INSTANCES, WRITTEN = range(3)
 
-SENSOR_VALUES = np.array([0, 0, 0, 0, 3, 1, 6])
-"""How many values of a row, by its kind, are what the sensor measured."""
+SENSOR_VALUES = np.array([0, 0, 2, 0, 3, 1, 6])
+"""How many values of a row, by its kind, are what the sensor measured or the autopilot said."""
+
+REAL32 = 9
+"""MAV_PARAM_TYPE of a float; the numbers below it are whole."""
 
 IGNORE_FLAGS = np.array(
     [
@@ -134,6 +137,21 @@ def gnss(values: Any, family: int, counts: Any, out: Any) -> None:
 
 
 @kernel
+def parameter(values: Any, counts: Any, out: Any) -> None:
+    """PARAM_VALUE of a parameter that is read.
+
+    A whole number stands in the float as its value (ArduPilot) or as its bytes (PX4), and no message need say which. The bytes of a whole
+    number up to 8,388,607 are a float below 1.2e-38, those of a small negative one none at all, so a float that is whole was the value.
+    """
+    if isnan(values[c.MAIN + s.PARAMETER]):
+        return
+    value = values[c.MAIN + s.PARAMETER_VALUE]
+    if values[c.PARAMETER_TYPE] < REAL32 and value % 1.0 != 0.0:
+        values[c.MAIN + s.PARAMETER_VALUE] = values[c.BITS]
+    emit_sensor(values, c.MAIN, c.KIND_PARAMETER, counts, out)
+
+
+@kernel
 def message_rows(values: Any, family: int, counts: Any, out: Any) -> None:
     """Append the rows of one message, in the order MAGNETOMETER, BAROMETER, IMU."""
     if values[c.INSTANCE] > 0:
@@ -151,5 +169,7 @@ def message_rows(values: Any, family: int, counts: Any, out: Any) -> None:
         emit(values, c.MAIN, c.KIND_SYSTEM_TIME, counts, out)
     elif family == c.HEARTBEAT:
         emit(values, c.MAIN, c.KIND_HEARTBEAT, counts, out)
+    elif family == c.PARAM_VALUE:
+        parameter(values, counts, out)
     else:
         gnss(values, family, counts, out)

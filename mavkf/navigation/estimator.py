@@ -7,6 +7,8 @@
 Offline, in the order in which they were measured, `mavkf.navigation.offline` does it.
 """
 
+import mmap
+from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -18,11 +20,11 @@ from mavkf.compiled import link_apart
 from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
-from mavkf.navigation.codes import SENSORS
 from mavkf.navigation.events import select, to_events
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
+from mavkf.navigation.stated import too_late
 from mavkf.samples import KIND, TIME, Kind, Source
 
 if TYPE_CHECKING:
@@ -63,6 +65,8 @@ class SessionEstimator:
         self.setup: Setup | None = None
         self.state = np.empty(L.STATE_SIZE)
         self.parameters: Array = np.zeros(PARAMETERS)
+        self.late_parameters: Counter[str] = Counter()
+        """Those of the autopilot, by name, that came after the set-up and would have changed it."""
         self._lag = lag_s
         self._lagging: FixedLag | None = None
         self._waiting: list[Array] = []
@@ -87,6 +91,7 @@ class SessionEstimator:
                 # they are as old as the set-up is long: nobody would want them now, in a burst
                 output.poses = output.poses[:0]
                 yield output
+        self.late_parameters.update(self.too_late(rows))
         yield from self._run(rows)
 
     def finish(self) -> Iterator[Output]:
@@ -105,6 +110,12 @@ class SessionEstimator:
     def has_sensor(self) -> bool:
         """Whether an IMU or GNSS sample has come: without one there is nothing to estimate."""
         return bool(np.isfinite(self._first_sensor))
+
+    def too_late(self, rows: Array) -> list[str]:
+        """The names of parameters among rows (n, ROW_WIDTH) after the set-up that would have changed it."""
+        setup = self.setup
+        assert setup is not None
+        return too_late(rows, setup.stated, self.config.vehicle, setup.gnss, setup.magnetometer)
 
     def _decide(self, rows: Array) -> tuple[Array, Array]:
         """Keep rows until the set-up's time is over; returns those that waited for it, once it is, and those that came after."""
@@ -141,9 +152,9 @@ class SessionEstimator:
             self._lagging = FixedLag(self.state, self.parameters, self.rate, self._lag)
 
     def _allocate(self) -> None:
-        self._events = np.empty((HISTORY, L.EVENT_WIDTH))
-        self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
-        self._out = L.buffers(BUFFER, BUFFER, SENSORS * HISTORY)
+        self._events = _untouched(HISTORY, L.EVENT_WIDTH)
+        self._snapshots = _untouched(timeline.snapshots_of(HISTORY), L.STATE_SIZE)
+        self._out = L.buffers(BUFFER, BUFFER, HISTORY)
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
     def _run(self, rows: Array) -> Iterator[Output]:
@@ -176,6 +187,11 @@ class SessionEstimator:
                 self._out[0][: self._out[2][0]].copy(),
                 self._out[1][: self._out[2][1]].copy(),
             )
+
+
+def _untouched(rows: int, columns: int) -> Array:
+    """Zeros (rows, columns) of which only what is written takes memory, page by page; numpy's own may come in huge pages."""
+    return np.frombuffer(mmap.mmap(-1, 8 * rows * columns, access=mmap.ACCESS_COPY)).reshape(rows, columns)
 
 
 def fold_counts(state: Array) -> dict[str, int]:

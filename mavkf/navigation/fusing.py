@@ -66,9 +66,13 @@ def record(out, e, t, sensor, r, S, nis, limit, reason):
     sensor, reason: values of their enumerations.
     """
     rows, counts, recorded = out[0], out[2], out[4]
-    slot = (SENSORS * int(e[L.EVENT_ID]) + sensor) % recorded.shape[0]
-    if counts[2] == 0 and recorded[slot] != e[L.EVENT_ID] and counts[0] < rows.shape[0]:
-        recorded[slot] = e[L.EVENT_ID]
+    number = int(e[L.EVENT_ID])
+    slot = number % recorded.shape[0]
+    left = int(recorded[slot]) if recorded[slot] >= 0.0 else 0
+    if left >> SENSORS != number:
+        left = number << SENSORS  # the record was another event's
+    if counts[2] == 0 and not left >> sensor & 1 and counts[0] < rows.shape[0]:
+        recorded[slot] = left | 1 << sensor
         row = rows[counts[0]]
         row[:] = 0.0
         m = r.shape[0]

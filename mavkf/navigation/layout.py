@@ -228,10 +228,11 @@ OUT = several(MATRIX, MATRIX, INTEGERS, VECTOR, VECTOR, VECTOR)
 
 
 def buffers(innovations: int, notes: int, recorded: int, tape: int = 0) -> tuple[np.ndarray, ...]:
-    """Output buffers of the fold, with room for so many innovation rows, notes, and records of which event has left an innovation.
+    """Output buffers of the fold, with room for so many innovation rows, notes, and events of which it is known who has left an innovation.
 
     Innovation rows, note rows, their two counts and whether to keep silent (int64), the time of the last note of each code as it began and
-    as it ended, the numbers of the events on record, and a tape of so many numbers (see `tape`; 0: nothing is recorded).
+    as it ended, the numbers of the events on record with a bit for each sensor, and a tape of so many numbers (see `tape`; 0: nothing is
+    recorded).
     """
     return (
         np.empty((innovations, INNOVATION_WIDTH)),

@@ -27,6 +27,7 @@ from mavkf.navigation.events import EventOrder
 from mavkf.navigation.hindsight import Surprise, look_back
 from mavkf.navigation.setup import Setup
 from mavkf.navigation.spool import Spool
+from mavkf.navigation.stated import late_words
 from mavkf.samples import Source
 
 if TYPE_CHECKING:
@@ -65,7 +66,10 @@ class OfflineSession:
     @property
     def setup(self) -> Setup | None:
         """The set-up, once it is decided."""
-        return self._decider.setup
+        setup, late = self._decider.setup, self._decider.late_parameters
+        if setup is None or not late:
+            return setup
+        return msgspec.structs.replace(setup, reasons=(*setup.reasons, late_words(late)))
 
     @property
     def state(self) -> Array:
@@ -100,7 +104,10 @@ class OfflineSession:
                 waited = np.concatenate([waited, *self._decider._waiting])
                 self._decider._start(waited)
             self._begin()
+            self._tell_late(rows)
             rows = np.concatenate([waited, rows])
+        else:
+            self._tell_late(rows)
         yield from self._order.push(rows, last=last)
 
     def fold(self, events: Array) -> Iterator[Output]:
@@ -148,9 +155,12 @@ class OfflineSession:
         if self.setup is not None:
             self._events.close()
 
+    def _tell_late(self, rows: Array) -> None:
+        self._decider.late_parameters.update(self._decider.too_late(rows))
+
     def _begin(self) -> None:
-        assert self.setup is not None
-        self._order = EventOrder(self.setup, self._decider.config.timeline.window_s)
+        assert self._decider.setup is not None
+        self._order = EventOrder(self._decider.setup, self._decider.config.timeline.window_s)
         self._events = Spool(L.EVENT_WIDTH)
         self._start = self.state.copy()
         self._out = L.buffers(16 * BUFFER, BUFFER, SENSORS)  # in order, no event is folded twice

@@ -8,41 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.config import Config
-from mavkf.errors import UsageError
 from mavkf.filters.chi_square import limit
-from mavkf.models.earth import STANDARD_GRAVITY
 from mavkf.navigation import layout as L
+from mavkf.navigation.choose_imu import IMU_QUALITY, choose_imu, period
 from mavkf.navigation.classes import class_reason, used_class
 from mavkf.navigation.delays import ARDUPILOT, DELAYS, NO_DELAYS
 from mavkf.navigation.parameter import PARAMETERS, Parameter
 from mavkf.navigation.reserves import BAROMETER_SOURCES, imus_with_reserve, with_reserve
+from mavkf.navigation.stated import compass_words, stated, values_of
 from mavkf.samples import (
-    ACCEL,
     AUTOPILOT,
     FIX,
     GNSS_SOURCES,
     IMU_SOURCES,
     KIND,
     SOURCE,
-    TIME,
     VEHICLE_TYPE,
     Kind,
     Source,
 )
 
-# How good an IMU message is at the same rate: resolution (mg and mrad/s against float) and stamp (ms against us).
-IMU_QUALITY = {
-    Source.HIGHRES_IMU: 3.0,
-    Source.HIL_SENSOR: 3.0,
-    Source.RAW_IMU: 1.0,
-    Source.SCALED_IMU: 0.8,
-    Source.SCALED_IMU2: 0.7,
-    Source.SCALED_IMU3: 0.6,
-}
 ANTENNA_TOLD, ANTENNA_UNTOLD = 0.05, 0.3  # m: one sigma of where the antenna is, configured or not
 MODELS = {"constant-velocity": L.CONSTANT_VELOCITY, "strapdown": L.STRAPDOWN, "telemetry": L.TELEMETRY}
 UNKNOWN = -1  # of a source
-PLAUSIBLE_FORCE = (0.4, 2.5)  # times gravity: the median of a scaled accelerometer on any vehicle
 
 
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,7 +39,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     imu, gnss, magnetometer, barometer: what is used first; imus, magnetometers, barometers: what the fold gets, since it
     may have to take another when that falls silent.
     imu_period: s, median between the samples of the first seconds; 0: no IMU. imu_rotation: roll, pitch, yaw
-    of the sensor frame in the body, rad. model: one of MODELS, to begin with;
+    of the sensor frame in the body, rad. antenna: m from the IMU in the body; stated: the values of the autopilot's parameters, by
+    `AutopilotParameter`, that had come. model: one of MODELS, to begin with;
     compare: whether the other of strapdown and telemetry is tried beside it while the IMU is slow.
     """
 
@@ -63,6 +52,7 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     gnss: Source
     magnetometer: Source | None
     magnetometers: tuple[Source, ...]
+    use_magnetometer: bool
     barometer: Source | None
     barometers: tuple[Source, ...]
     autopilot: int | None
@@ -71,68 +61,11 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     imu_delay: float
     magnetometer_delay: float
     barometer_delay: float
+    antenna: tuple[float, float, float]
+    stated: dict[int, float]
     model: str
     compare: bool
     reasons: tuple[str, ...]
-
-
-def _rate(times: NDArray[np.float64]) -> float:
-    if times.size < 2 or not times.max() > times.min():
-        return 0.0
-    return float((times.size - 1) / (times.max() - times.min()))
-
-
-def _choose_imu(
-    rows: NDArray[np.float64], forced: Source | None, reasons: list[str], broken: set[Source]
-) -> tuple[Source | None, float]:
-    """The best IMU message and its rate; those whose scale is wrong are added to `broken`."""
-    rates: dict[Source, float] = {}
-    imu = rows[rows[:, KIND] == Kind.IMU]
-    for source in IMU_SOURCES:
-        mine = imu[imu[:, SOURCE] == source]
-        if not mine.shape[0]:
-            continue
-        with np.errstate(over="ignore", invalid="ignore"):
-            sizes = np.linalg.norm(mine[:, ACCEL : ACCEL + 3], axis=1)
-        sizes = sizes[np.isfinite(sizes)]
-        force = float(np.median(sizes)) / STANDARD_GRAVITY if sizes.size else 0.0
-        if source is not forced and not PLAUSIBLE_FORCE[0] < force < PLAUSIBLE_FORCE[1]:
-            broken.add(source)
-            reasons.append(
-                f"{source.name} is not used: it shows {force:.2g} g, so its scale is unknown or it is broken"
-            )
-            continue
-        rates[source] = _rate(mine[:, TIME])
-    if forced is not None:
-        if forced not in rates:
-            raise UsageError(
-                f"--imu {forced.name}: this vehicle sends {_names(rates) or 'no IMU message'}; choose one of those"
-            )
-        reasons.append(f"IMU {forced.name} at {rates[forced]:.3g} Hz, as asked")
-        return forced, rates[forced]
-    if not rates:
-        reasons.append("no usable IMU message in the first seconds")
-        return None, 0.0
-    best = max(rates, key=lambda source: rates[source] * IMU_QUALITY[source])
-    others = _names(source for source in rates if source is not best)
-    reasons.append(
-        f"IMU {best.name} at {rates[best]:.3g} Hz"
-        + (f", best by rate, resolution and stamp of it and {others}" if others else "")
-    )
-    return best, rates[best]
-
-
-def _period(rows: NDArray[np.float64], source: Source | None) -> float:
-    times = (
-        np.unique(rows[(rows[:, KIND] == Kind.IMU) & (rows[:, SOURCE] == source), TIME])
-        if source is not None
-        else np.empty(0)
-    )
-    return float(np.median(np.diff(times))) if times.size > 1 else 0.0
-
-
-def _names(sources: Iterable[Source]) -> str:
-    return ", ".join(source.name for source in sources)
 
 
 def _choose_gnss(rows: NDArray[np.float64]) -> Source:
@@ -190,7 +123,7 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     """
     reasons: list[str] = []
     broken: set[Source] = set()
-    source, rate = _choose_imu(rows, imu, reasons, broken)
+    source, rate = choose_imu(rows, imu, reasons, broken)
     autopilot = _latest(rows, AUTOPILOT)
     delays = DELAYS.get(autopilot, NO_DELAYS) if autopilot is not None else NO_DELAYS
     vehicle = config.vehicle
@@ -199,10 +132,16 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
     usable = {message: quality for message, quality in IMU_QUALITY.items() if message not in broken}
     # one that starts later comes most likely in these messages
     order = ([source] if source is not None else []) + list(IMU_SOURCES)
-    magnetometer = _first_of(rows, Kind.MAGNETOMETER, order, source)
+    gnss = _choose_gnss(rows)
+    values = values_of(rows)
+    said = stated(values, vehicle, gnss)
+    fields = [message for message in order if message not in said.compasses_off]
+    magnetometer = _first_of(rows, Kind.MAGNETOMETER, fields, source if source in fields else None)
     barometer = _first_of(rows, Kind.BAROMETER, BAROMETER_SOURCES, Source.SCALED_PRESSURE)
 
     reasons.append(class_reason(_latest(rows, VEHICLE_TYPE), vehicle.use_class))
+    reasons += said.reasons
+    reasons += compass_words(said.compasses_off, set(rows[rows[:, KIND] == Kind.MAGNETOMETER, SOURCE]))
 
     def delay(configured: float | None, name: str) -> float:
         return delays[name] if configured is None else configured
@@ -211,19 +150,22 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
         imu=source,
         imus=imus_with_reserve(rows, source, imu is not None, usable),
         imu_rate_hz=rate,
-        imu_period=_period(rows, source),
+        imu_period=period(rows, source),
         imu_rotation=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
-        gnss=_choose_gnss(rows),
+        gnss=gnss,
         magnetometer=magnetometer,
-        magnetometers=with_reserve(rows, Kind.MAGNETOMETER, magnetometer, IMU_SOURCES),
+        magnetometers=with_reserve(rows, Kind.MAGNETOMETER, magnetometer, [m for m in IMU_SOURCES if m in fields]),
+        use_magnetometer=vehicle.use_magnetometer is not False and bool(fields),
         barometer=barometer,
         barometers=with_reserve(rows, Kind.BAROMETER, barometer, BAROMETER_SOURCES),
         autopilot=autopilot,
         vehicle_type=_latest(rows, VEHICLE_TYPE),
-        gnss_delay=delay(vehicle.gnss_delay_s, "gnss"),
+        gnss_delay=delay(vehicle.gnss_delay_s if said.gnss_delay is None else said.gnss_delay, "gnss"),
         imu_delay=delay(vehicle.imu_delay_s, "imu"),
         magnetometer_delay=delay(vehicle.magnetometer_delay_s, "magnetometer"),
         barometer_delay=delay(vehicle.barometer_delay_s, "barometer"),
+        antenna=vehicle.gnss_antenna_b_m or said.antenna or (0.0, 0.0, 0.0),
+        stated=values,
         model=chosen,
         compare=compare,
         reasons=tuple(reasons),
@@ -233,8 +175,7 @@ def choose(rows: NDArray[np.float64], config: Config, imu: Source | None = None,
 def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
     """The parameter array of the fold."""
     noise, gates = config.noise, config.gates
-    antenna = config.vehicle.gnss_antenna_b_m
-    antenna_sigma = ANTENNA_TOLD if any(antenna) else ANTENNA_UNTOLD
+    antenna_sigma = ANTENNA_TOLD if any(setup.antenna) else ANTENNA_UNTOLD
     declination = config.vehicle.magnetic_declination_deg
     values = {
         Parameter.MODEL: MODELS[setup.model],
@@ -267,9 +208,9 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.REST: float(config.vehicle.use_rest),
         Parameter.CLASS: used_class(setup.vehicle_type) if config.vehicle.use_class else 0.0,
         Parameter.USE_MOTION_YAW: float(config.vehicle.use_motion_yaw),
-        Parameter.ANTENNA_X: antenna[0],
-        Parameter.ANTENNA_Y: antenna[1],
-        Parameter.ANTENNA_Z: antenna[2],
+        Parameter.ANTENNA_X: setup.antenna[0],
+        Parameter.ANTENNA_Y: setup.antenna[1],
+        Parameter.ANTENNA_Z: setup.antenna[2],
         Parameter.ANTENNA_SIGMA: antenna_sigma if config.vehicle.estimate_antenna else 0.0,
         Parameter.IMU_SOURCE: float(UNKNOWN if setup.imu is None else setup.imu),
         Parameter.GNSS_SOURCE: float(setup.gnss),
@@ -288,7 +229,7 @@ def parameters(config: Config, setup: Setup) -> NDArray[np.float64]:
         Parameter.RISK: config.integrity.risk,
         Parameter.GAP: gates.gap_s,
         Parameter.DECLINATION: math.nan if declination is None else math.radians(declination),
-        Parameter.USE_MAGNETOMETER: float(config.vehicle.use_magnetometer),
+        Parameter.USE_MAGNETOMETER: float(setup.use_magnetometer),
         Parameter.USE_BAROMETER: float(config.vehicle.use_barometer),
         # to a power of two, so that it does not hang on which samples happened to arrive in the first seconds
         Parameter.IMU_PERIOD: 2.0 ** round(math.log2(setup.imu_period)) if setup.imu_period > 0.0 else 0.0,

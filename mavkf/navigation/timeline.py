@@ -14,10 +14,13 @@ from mavkf.samples import KIND, ROW_WIDTH, SEQUENCE, SOURCE, TIME
 from mavkf.stack import copy
 
 STRIDE = 16  # events between snapshots
+RECENT = 16  # snapshots back to which all are kept: most of what is late is late by less
+KEPT = 8  # every so-manieth is kept as long as its events are, for what is later
+LEAST_CAPACITY = 256  # events of a history that has just begun
 ROOM = 512  # rows that must be left in an output buffer before an event is taken
 # The cursor: whole numbers that a live run keeps beside its arrays.
-EVENTS, FOLDED, LAST_SLOT, LATE = range(4)
-CURSOR_SIZE = 4
+EVENTS, FOLDED, LAST_SLOT, LATE, CAPACITY, DROPPED = range(6)
+CURSOR_SIZE = 6
 NEWEST_IMU, NEWEST, FORGOTTEN = (
     0,
     1,
@@ -158,19 +161,51 @@ def copy_state(a, b):
             b[i] = 0.0
 
 
+def snapshots_of(capacity: int) -> int:
+    """How many snapshots a history of so many events keeps."""
+    return RECENT + capacity // (STRIDE * KEPT) + 2
+
+
 @kernel
-def forget_old(events, snapshots, cursor):
-    """Drop the older half of a full history, in whole strides; returns the time of the last that was dropped."""
-    drop = (cursor[EVENTS] // 2 // STRIDE) * STRIDE
-    last = events[drop - 1, TIME]
-    for k in range(cursor[EVENTS] - drop):
+def snapshot_at(k, cursor):
+    """Where the snapshot before the event k * STRIDE of the history stands."""
+    return RECENT + k // KEPT if k % KEPT == 0 else (k + cursor[DROPPED]) % RECENT
+
+
+@kernel
+def last_snapshot(place, cursor):
+    """The last snapshot that is kept from before a place in the history, all of which has been folded."""
+    k = place // STRIDE
+    newest = (cursor[FOLDED] - 1) // STRIDE
+    return k if newest - k < RECENT else k // KEPT * KEPT
+
+
+@kernel
+def make_room(events, snapshots, cursor, marks, window):
+    """Make room in a full history: more than half of it goes, if that is older than the window; else it gets larger.
+
+    It grows up to events (n, EVENT_WIDTH), n at least LEAST_CAPACITY, most of which a vehicle that sends little never touches; then its
+    older half goes in any case.
+    """
+    whole = STRIDE * KEPT
+    count = cursor[EVENTS]
+    drop = 0
+    while drop < count and events[drop, TIME] < marks[NEWEST] - window:
+        drop += 1
+    drop = drop // whole * whole
+    if 2 * drop <= count:
+        if cursor[CAPACITY] < events.shape[0]:
+            cursor[CAPACITY] = min(max(LEAST_CAPACITY, 2 * cursor[CAPACITY]), events.shape[0])
+            return
+        drop = count // 2 // whole * whole
+    marks[FORGOTTEN] = events[drop - 1, TIME]
+    for k in range(count - drop):
         copy(events[k], events[k + drop])
-    moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
-    for k in range(moved):
-        copy_state(snapshots[k + drop // STRIDE], snapshots[k])
+    for k in range(RECENT, RECENT + (cursor[FOLDED] - drop) // whole + 1):
+        copy_state(snapshots[k + drop // whole], snapshots[k])
     cursor[EVENTS] -= drop
     cursor[FOLDED] -= drop
-    return last
+    cursor[DROPPED] = (cursor[DROPPED] + drop // STRIDE) % RECENT
 
 
 @kernel
@@ -178,7 +213,7 @@ def fold_to_end(s, events, snapshots, cursor, c, out):
     """Fold what has not been folded; keep a snapshot before every STRIDE-th event."""
     for k in range(cursor[FOLDED], cursor[EVENTS]):
         if k % STRIDE == 0:
-            copy_state(s, snapshots[k // STRIDE])
+            copy_state(s, snapshots[snapshot_at(k // STRIDE, cursor)])
         fold(s, events[k], c, out)
     cursor[FOLDED] = cursor[EVENTS]
 
@@ -187,7 +222,7 @@ def fold_to_end(s, events, snapshots, cursor, c, out):
 def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out):
     """Take events in the order of arrival, from index `first` on; each goes to its place and what follows is folded again.
 
-    events (capacity, EVENT_WIDTH) and snapshots (capacity / STRIDE + 1, STATE_SIZE) hold the history; cursor and marks go with them.
+    events (n, EVENT_WIDTH) and snapshots (snapshots_of(n), STATE_SIZE) hold the history; cursor and marks go with them.
     Writes a pose row for each newest IMU sample of a new output interval. An event older than the newest by more than
     the window, or than what is left of the history, is counted and dropped. Returns the index to go on from and the
     number of pose rows (stops where a buffer might overflow).
@@ -205,13 +240,13 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
         newer = not e[TIME] <= marks[NEWEST_IMU]
         makes_pose = newer and is_lone_fix(e, marks[NEWEST_IMU], c)
         marks[NEWEST] = max(marks[NEWEST], e[TIME])
-        if cursor[EVENTS] >= events.shape[0]:
-            marks[FORGOTTEN] = forget_old(events, snapshots, cursor)
+        if cursor[EVENTS] >= cursor[CAPACITY]:
+            make_room(events, snapshots, cursor, marks, window)
         place = insert(events, cursor[EVENTS], e)
         cursor[EVENTS] += 1
         if place < cursor[FOLDED]:
-            k = place // STRIDE
-            copy_state(snapshots[k], s)
+            k = last_snapshot(place, cursor)
+            copy_state(snapshots[snapshot_at(k, cursor)], s)
             cursor[FOLDED] = k * STRIDE
         fold_to_end(s, events, snapshots, cursor, c, out)
         if newer and is_sample_in_use(s, e):

@@ -252,7 +252,7 @@ def _is_taken(endpoint: str) -> bool:
 
 def _tell_stranger(session: zenoh.Session, meeting: str, say: Callable[[str], None]) -> None:
     """Say that the rendezvous is held by something that is no zenoh: then nobody finds anybody."""
-    if not session.is_closed() and not session.info.links() and _is_taken(meeting):
+    if _links(session) == [] and _is_taken(meeting):
         say(
             f"mavkf: {meeting}, where publishers and subscribers meet, is taken by a program that does not speak zenoh: "
             "end that program, or set MAVKF_RENDEZVOUS to another place, as in tcp/127.0.0.1:7450"
@@ -260,12 +260,21 @@ def _tell_stranger(session: zenoh.Session, meeting: str, say: Callable[[str], No
 
 
 def _tell_absent(session: zenoh.Session, asked: list[str], say: Callable[[str], None]) -> None:
-    if session.is_closed():
+    links = _links(session)
+    if links is None:
         return
-    reached = {link.dst.split("?")[0].split("#")[0] for link in session.info.links()}
+    reached = {link.dst.split("?")[0].split("#")[0] for link in links}
     for endpoint in asked:
         if not reached & _locators(endpoint):
             say(f"mavkf: nothing answers at {endpoint} yet; it is tried again until something does")
+
+
+def _links(session: zenoh.Session) -> list[zenoh.Link] | None:
+    """The links of a session; None: it is closed, or another thread is at it just now, of which zenoh's Python makes a RuntimeError."""
+    try:
+        return None if session.is_closed() else list(session.info.links())
+    except (RuntimeError, zenoh.ZError):
+        return None
 
 
 def _locators(endpoint: str) -> set[str]:

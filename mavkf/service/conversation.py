@@ -1,7 +1,7 @@
 """The talk with one autopilot over one link: asks for the streams that the filter needs, checks what comes, asks again.
 
-A pure state machine: it is told what was heard and what time it is (seconds of any clock that runs evenly), and gives messages to
-send. It opens nothing and waits for nothing.
+Beside that it asks for the few parameters that help (`mavkf.service.parameters`). A pure state machine: it is told what was heard and what
+time it is (seconds of any clock that runs evenly), and gives messages to send. It opens nothing and waits for nothing.
 
     listen     what comes anyhow is measured; where that is enough nothing is asked
     ask        each stream: GET_MESSAGE_INTERVAL (to restore it), then SET_MESSAGE_INTERVAL; another message where one is denied.
@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mavkf.link.decode import Address
 from mavkf.link.layouts import message_ids
+from mavkf.service.parameters import ParameterQuestions
 from mavkf.service.rates import Rates
 from mavkf.service.streams import STREAMS, Stream, affordable, affordable_groups
 
@@ -48,9 +49,13 @@ class _Pause(NamedTuple):
 class Conversation:
     """The talk with one vehicle."""
 
-    def __init__(self, address: Address, t: float, budget: Callable[[], float], say: Say) -> None:
-        """address: of the autopilot; t: now; budget: the bytes a second that may be asked for; say: told what was granted."""
+    def __init__(self, address: Address, autopilot: int, t: float, budget: Callable[[], float], say: Say) -> None:
+        """address, autopilot: of the autopilot, its MAV_AUTOPILOT; t: now; say: told what was granted and read.
+
+        budget: the bytes a second that may be asked for.
+        """
         self.address = address
+        self.parameters = ParameterQuestions(address, autopilot, budget, say)
         self.may_ask = False
         """Set from outside: whether asking is allowed on this link, now."""
         self.heard_at = t
@@ -79,6 +84,7 @@ class Conversation:
         """What is sent may not be what was set: look from the start."""
         self._rebooted = True
         self._rates = Rates()
+        self.parameters.begin()
 
     @property
     def has_asked(self) -> bool:
@@ -121,7 +127,7 @@ class Conversation:
             self._since = t
             self._pause = next(self._script)
             messages += self._pause.messages
-        return messages
+        return messages + self.parameters.step(t) if self.may_ask else messages
 
     def leave(self) -> list[Message]:
         """What puts everything back as it was found."""

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mavkf.link.decode import Address
+from mavkf.link.decode import Address, decode
 from mavkf.link.layouts import message_dtype, message_ids
+from mavkf.samples import PARAMETER, PARAMETER_VALUE, AutopilotParameter
 from mavkf.service.conversation import Conversation, Message
 from mavkf.service.endpoints import Link
 from mavkf.service.senders import is_autopilot
@@ -26,7 +27,8 @@ PERIOD_S = 5.0  # over which a link's bytes are measured
 _COUNTED = {message_ids()[name]: name for stream in STREAMS for name in stream.sources}
 _RADIO = ("RADIO_STATUS", "RADIO")
 _ANSWERS = {
-    message_ids()[name]: name for name in ("HEARTBEAT", "SYSTEM_TIME", "MESSAGE_INTERVAL", "COMMAND_ACK", *_RADIO)
+    message_ids()[name]: name
+    for name in ("HEARTBEAT", "SYSTEM_TIME", "MESSAGE_INTERVAL", "COMMAND_ACK", "PARAM_VALUE", "PARAM_ERROR", *_RADIO)
 }
 
 
@@ -76,12 +78,18 @@ class Talk:
         self._measure(int(frames["size"].sum()), t)
         counts: dict[Address, Counter[str]] = {}
         names = ["message", "system", "component", "version", "offset", "length"]
-        for message, system, component, version, offset, length in frames[names].tolist():
+        for i, (message, system, component, version, offset, length) in enumerate(frames[names].tolist()):
             address = system, component
             if message in _COUNTED and address in self.conversations:
                 counts.setdefault(address, Counter())[_COUNTED[message]] += 1
             name = _ANSWERS.get(message)
             if name is None:
+                continue
+            if name == "PARAM_VALUE":
+                if address in self.conversations:
+                    for row in decode(data, frames[i : i + 1]).get(address, ()):
+                        parameter = AutopilotParameter(int(row[PARAMETER]))
+                        self.conversations[address].parameters.heard(parameter, float(row[PARAMETER_VALUE]))
                 continue
             fields = _fields(data[offset : offset + length].tobytes(), name)
             if name in _RADIO:
@@ -97,6 +105,11 @@ class Talk:
         """The connection has ended; what is behind the next one may have been restarted."""
         for talk in self.conversations.values():
             talk.look_again()
+
+    def session_ended(self) -> None:
+        """A session was ended here, not by the vehicle: the next one must hear the parameters again."""
+        for talk in self.conversations.values():
+            talk.parameters.begin()
 
     def _note_radio(self) -> None:
         """A radio reports how it fares: what passes here is routed, and the pilot's."""
@@ -116,7 +129,7 @@ class Talk:
                 return
             name = f"vehicle {address[0]}-{address[1]} on {self._link.name}"
             self.conversations[address] = Conversation(
-                address, t, self._budget, lambda text: self._manners.say(f"{name}: {text}")
+                address, int(fields["autopilot"]), t, self._budget, lambda text: self._manners.say(f"{name}: {text}")
             )
             self._versions[address] = version
         self._versions[address] = max(version, self._versions[address])
@@ -224,8 +237,18 @@ def _answer(talk: Conversation, name: str, fields: np.void, manners: Manners) ->
         talk.boot_time(int(fields["time_boot_ms"]))
     elif name == "MESSAGE_INTERVAL":
         talk.interval(int(fields["message_id"]), int(fields["interval_us"]))
-    elif int(fields["target_system"]) in (0, manners.system or talk.address[0]) and int(fields["target_component"]) in (
-        0,
-        manners.component,
-    ):
+    elif not _is_to_us(talk, fields, manners):
+        return
+    elif name == "COMMAND_ACK":
         talk.acknowledged(int(fields["command"]), int(fields["result"]))
+    elif name == "PARAM_ERROR":
+        parameter = AutopilotParameter.__members__.get(fields["param_id"].decode("ascii", "replace"))
+        if parameter is not None:
+            talk.parameters.denied(parameter)
+
+
+def _is_to_us(talk: Conversation, fields: np.void, manners: Manners) -> bool:
+    """Whether an answer has our address, or nobody's."""
+    return int(fields["target_system"]) in (0, manners.system or talk.address[0]) and int(
+        fields["target_component"]
+    ) in (0, manners.component)

@@ -21,6 +21,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts
 from mavkf.navigation.pose import pose_row
 from mavkf.navigation.records import MODES, SENSOR_NAMES, RecordWriter, flag_names, model_name, validity
+from mavkf.navigation.stated import late_words
 from mavkf.samples import KIND, SESSION, TIME, UNIX_US, Kind, Source
 from mavkf.service.consistency import RecentInnovations
 from mavkf.service.utc import UtcClock
@@ -77,6 +78,7 @@ class VehicleStream:
         self._status_time = math.nan
         self._status_counts: Counter[str] = Counter()
         self._recent = RecentInnovations()
+        self._late_told = False
         if session >= 0:
             self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model, self._lag)
 
@@ -127,7 +129,7 @@ class VehicleStream:
             if due and self.is_vehicle:
                 status = self._status()
                 gap = self._newest - before  # so large a step always enters another second
-                event = self._gap(before, gap) if gap > LINK_GAP_S else None
+                event = self._gap(before, gap) if gap > LINK_GAP_S else self._late_parameters()
                 yield Step(session, _nothing(), status, event, self._smoothed(self._newest))
 
     def _change_session(self, session: int, t: float) -> Iterator[Step]:
@@ -151,6 +153,14 @@ class VehicleStream:
     def _gap(self, before: float, gap: float) -> Event:
         text = f"nothing came for {gap:.1f} s of the vehicle's clock"
         return self.event("link_gap", text, before, size=gap)
+
+    def _late_parameters(self) -> Event | None:
+        """Once in a session, that parameters of the autopilot came too late for it."""
+        names = self.estimator.late_parameters if self.estimator is not None else None
+        if not names or self._late_told:
+            return None
+        self._late_told = True
+        return self.event("parameters_late", late_words(names))
 
     def event(self, kind: str, text: str, start: float | None = None, size: float | None = None) -> Event:
         """An event of now that the fold cannot tell; start: boot time (s) at which it began, None: now."""
@@ -267,10 +277,11 @@ class VehicleStream:
 
 
 def state_counts(estimator: SessionEstimator) -> dict[str, int]:
-    """What the fold has counted: samples too late, repeated values, fixes without a position, gaps of the IMU."""
+    """What the estimator has counted: samples and parameters too late, repeated values, fixes without a position, gaps of the IMU."""
     if estimator.setup is None:
         return {}
-    return {"late": estimator.late} | fold_counts(estimator.state)
+    late = {"late": estimator.late, "parameters_late": estimator.late_parameters.total()}
+    return late | fold_counts(estimator.state)
 
 
 def within(rows: Array, span: tuple[float, float]) -> Array:

@@ -36,7 +36,7 @@ class Worker:
         self.duplicates = Duplicates()
         self.streams = streams
         self._late_told_s = -np.inf
-        fleet.when_ended = self._end_parts
+        fleet.when_ended = self._session_ended
 
     def take(self, batch: Sequence[Chunk], lag_us: int = 0) -> None:
         """Take chunks in the order of arrival; lag_us: how much had arrived after the first of them."""
@@ -73,9 +73,11 @@ class Worker:
         for talk in self._talks:
             talk.speak(time.monotonic(), self._fleet.given_up)
 
-    def _end_parts(self) -> None:
+    def _session_ended(self) -> None:
         for recorder in self._recorders:
             recorder.end_part()
+        for talk in self._talks:
+            talk.session_ended()
 
     def flush(self) -> None:
         """Hand what is recorded to the operating system."""

@@ -1,16 +1,18 @@
 """Each message, encoded by pymavlink from known values, as sample rows in SI units."""
 
+import struct
 from math import nan, pi
 from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import all as dialect
 
 from mavkf.link.decode import DecodeCounts, decode
 from mavkf.link.framing import scan_records
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_dtype, message_ids
-from mavkf.samples import ROW_WIDTH, Clock, Kind, Source
+from mavkf.samples import ROW_WIDTH, AutopilotParameter, Clock, Kind, Source
 
 from ._wire import CLASSES, array, frame, rows_of
 
@@ -265,6 +267,48 @@ def test_system_time() -> None:
     assert head(known)[:4] == (9_000, Clock.BOOT_MS, Kind.SYSTEM_TIME, Source.SYSTEM_TIME)
     assert known[8] == UNIX
     assert np.isnan(unknown[8])
+
+
+def parameter(name: str, value: float, kind: int) -> bytes:
+    return frame("PARAM_VALUE", param_id=name.encode(), param_value=value, param_type=kind, param_count=900)
+
+
+@pytest.mark.parametrize("name", [parameter.name for parameter in AutopilotParameter])
+def test_parameters_that_are_read(name: str) -> None:
+    (row,) = rows_of(parameter(name, -0.25, 9))
+    assert head(row)[1:4] == (Clock.NONE, Kind.PARAMETER, Source.PARAM_VALUE)
+    assert np.isnan(row[0])
+    expect(row, [AutopilotParameter[name], -0.25])
+
+
+@pytest.mark.parametrize("whole", [0, 1, 5, 110, 250, -1, -30_000, 8_388_607])
+@pytest.mark.parametrize("kind", [1, 2, 3, 4, 5, 6])
+def test_whole_parameters_by_value_and_by_their_bytes(whole: int, kind: int) -> None:
+    (in_bytes,) = struct.unpack("<f", struct.pack("<i", whole))
+    for value in (float(whole), in_bytes):
+        raw = parameter("GPS1_DELAY_MS", value, kind)
+        (heard,) = dialect.MAVLink(None).parse_buffer(bytearray(raw))
+        assert (heard.param_id, heard.param_type) == ("GPS1_DELAY_MS", kind)
+        assert whole in (heard.param_value, struct.unpack("<i", struct.pack("<f", heard.param_value))[0])
+        (row,) = rows_of(raw)
+        expect(row, [AutopilotParameter.GPS1_DELAY_MS, whole])
+
+
+@pytest.mark.parametrize("name", ["GPS1_POS", "GPS1_POS_X2", "gps1_pos_x", "", "SYSID_THISMAV", "COMPASS_USE_LONG"])
+def test_parameters_that_are_not_read_give_no_rows(name: str) -> None:
+    assert [r[3] for r in rows_of(parameter(name, 1.0, 9) + frame("HEARTBEAT"))] == [Kind.HEARTBEAT]
+
+
+def test_what_stands_behind_the_end_of_a_name_is_not_said() -> None:
+    (row,) = rows_of(parameter("GPS1_POS_X\0junk!", 0.5, 9))
+    expect(row, [AutopilotParameter.GPS1_POS_X, 0.5])
+
+
+def test_a_parameter_that_is_not_finite() -> None:
+    counts = DecodeCounts()
+    raw = array(parameter("GPS1_POS_X", nan, 9))
+    assert decode(raw, scan_records(raw, stamped=False)[0], counts) == {}
+    assert counts.not_finite == 1
 
 
 def test_heartbeat() -> None:

@@ -11,7 +11,21 @@ from mavkf.models.strapdown import BG, N
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.offline import Offline, run_offline
-from mavkf.samples import ACCEL, FIELD, GYRO, KIND, LATITUDE, TIME, Kind
+from mavkf.samples import (
+    ACCEL,
+    FIELD,
+    GYRO,
+    KIND,
+    LATITUDE,
+    PARAMETER,
+    PARAMETER_VALUE,
+    ROW_WIDTH,
+    SOURCE,
+    TIME,
+    AutopilotParameter,
+    Kind,
+    Source,
+)
 
 from ._session import CONFIG, RADII, motion, position_error, run, session
 
@@ -123,3 +137,34 @@ def test_a_reset_takes_the_lever_arm_and_its_uncertainty(rows: Array) -> None:
         assert position_error(after[:100]).max() < 2.2
         P = after[0, L.R_POSE_COVARIANCE : L.R_POSE_COVARIANCE + 36].reshape(6, 6)
         assert np.linalg.eigvalsh(P).min() > 0.0
+
+
+def stated_rows(values: dict[AutopilotParameter, float], first: Array) -> Array:
+    """Rows of parameters as they come with the first of a session's rows."""
+    rows = np.full((len(values), ROW_WIDTH), np.nan)
+    rows[:, :8] = first[:8]
+    rows[:, KIND], rows[:, SOURCE] = Kind.PARAMETER, Source.PARAM_VALUE
+    rows[:, PARAMETER], rows[:, PARAMETER_VALUE] = list(values), list(values.values())
+    return rows
+
+
+def test_a_lever_arm_of_the_autopilots_parameters_does_the_same_as_one_that_is_configured() -> None:
+    # both ends are away from the autopilot's origin
+    axes = zip("XYZ", ARM, (-0.4, 0.3, 0.2), strict=True)
+    values = {
+        AutopilotParameter[name]: value
+        for axis, arm, imu in axes
+        for name, value in ((f"GPS1_POS_{axis}", arm + imu), (f"INS_POS1_{axis}", imu))
+    }
+    for seed in range(3):
+        rows = session(seed=seed, antenna=ARM)
+        result = run_offline(np.concatenate([stated_rows(values, rows[0]), rows]), CONFIG)
+        told = run_offline(rows, with_settings(CONFIG, [f"gnss_antenna_b_m={list(ARM)}"]))
+        assert result.state[: L.T].tobytes() == told.state[: L.T].tobytes()
+        late = result.output.poses[result.output.poses[:, L.R_TIME] > 112.0]
+        sigma = np.sqrt(late[:, L.R_POSE_COVARIANCE] + late[:, L.R_POSE_COVARIANCE + 7])
+        over_sigma = np.sqrt(np.mean((position_error(late) / sigma) ** 2))
+        assert 0.2 < over_sigma < 1.5
+        untold = run_offline(rows, CONFIG).output.poses
+        assert rms(result.output.poses) < 0.5 * rms(untold)
+        assert any("1.6 m ahead of, 1.1 m left of, 0.5 m below the IMU" in reason for reason in result.setup.reasons)

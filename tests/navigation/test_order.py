@@ -202,7 +202,7 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
     begin(state, c)
     cursor[timeline.LAST_SLOT] = -1
     history = np.empty((capacity, L.EVENT_WIDTH))
-    snapshots = np.empty((capacity // timeline.STRIDE + 2, L.STATE_SIZE))
+    snapshots = np.empty((timeline.snapshots_of(capacity), L.STATE_SIZE))
     marks, poses = np.full(timeline.MARKS_SIZE, -np.inf), np.empty((BUFFER, L.POSE_WIDTH))
     out = L.buffers(BUFFER, BUFFER, 4 * capacity)
     i = 0
@@ -211,6 +211,22 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
         i, _ = timeline.run_live(state, events, i, c, 50.0, 3.0, history, snapshots, cursor, marks, poses, out)
     assert cursor[timeline.EVENTS] <= capacity < events.shape[0]
     return state, cursor
+
+
+def test_a_history_is_as_large_as_its_window_needs(rows: Array) -> None:
+    rate = rows.shape[0] / (rows[-1, TIME] - rows[0, TIME])
+    needed = CONFIG.timeline.window_s * rate
+    capacities = []
+    for count in (900, 1000, rows.shape[0]):
+        cursor = run(rows[:count])[0]._cursor
+        capacities.append(int(cursor[timeline.CAPACITY]))
+    assert capacities[0] <= capacities[1] <= capacities[2]
+    assert needed < capacities[2] <= 4.0 * needed
+    # what is not in use takes no memory: it was never written
+    estimator, _ = run(rows)
+    written = np.flatnonzero(estimator._snapshots[:, : L.HALF].any(axis=1)).max() + 1
+    assert written <= timeline.snapshots_of(capacities[2])
+    assert not estimator._events[capacities[2] :].any()
 
 
 def test_a_full_history_forgets_its_older_half_and_nothing_else(rows: Array, batch: Offline) -> None:

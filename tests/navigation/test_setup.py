@@ -6,7 +6,21 @@ import pytest
 from mavkf.config import Config, with_settings
 from mavkf.errors import UsageError
 from mavkf.navigation.setup import MODELS, choose
-from mavkf.samples import ACCEL, AUTOPILOT, FIX, KIND, ROW_WIDTH, SOURCE, TIME, VEHICLE_TYPE, Kind, Source
+from mavkf.samples import (
+    ACCEL,
+    AUTOPILOT,
+    FIX,
+    KIND,
+    PARAMETER,
+    PARAMETER_VALUE,
+    ROW_WIDTH,
+    SOURCE,
+    TIME,
+    VEHICLE_TYPE,
+    AutopilotParameter,
+    Kind,
+    Source,
+)
 
 Array = np.ndarray
 
@@ -148,3 +162,23 @@ def test_no_class_is_told_with_its_reason() -> None:
     off = with_settings(Config(), ["vehicle.use_class=false"])
     rows = np.concatenate([imu(Source.RAW_IMU, 50.0), heartbeat(3, 2)])
     assert any("class none: its use is switched off" in reason for reason in choose(rows, off).reasons)
+
+
+def test_the_parameters_of_the_first_receiver_are_not_those_of_the_second() -> None:
+    fixes = sensor(Kind.GNSS, Source.GPS2_RAW, 5.0)
+    stated = sensor(Kind.PARAMETER, Source.PARAM_VALUE, 1.0)[:4]
+    names = ("GPS1_POS_X", "GPS1_POS_Y", "GPS1_POS_Z", "GPS1_DELAY_MS")
+    stated[:, PARAMETER] = [AutopilotParameter[name] for name in names]
+    stated[:, PARAMETER_VALUE] = [0.3, 0.0, -0.1, 150.0]
+    setup = choose(np.concatenate([stated, fixes]), Config())
+    assert (setup.antenna, setup.gnss_delay) == ((0.0, 0.0, 0.0), 0.0)
+    fixes[:, SOURCE] = Source.GPS_RAW_INT
+    setup = choose(np.concatenate([stated, fixes]), Config())
+    assert (setup.antenna, setup.gnss_delay) == ((0.3, 0.0, -0.1), 0.15)
+
+
+def test_a_place_that_is_not_known_in_all_axes_is_none() -> None:
+    stated = sensor(Kind.PARAMETER, Source.PARAM_VALUE, 1.0)[:2]
+    stated[:, PARAMETER] = [AutopilotParameter.GPS1_POS_X, AutopilotParameter.GPS1_POS_Z]
+    stated[:, PARAMETER_VALUE] = 0.3
+    assert choose(stated, Config()).antenna == (0.0, 0.0, 0.0)

@@ -16,7 +16,7 @@ from mavkf.errors import EndpointError, MavkfError, UsageError
 from mavkf.estimate import Innovation, Pose
 from mavkf.publish.publisher import Publisher
 from mavkf.publish.records import decode
-from mavkf.publish.session import open_session
+from mavkf.publish.session import _tell_absent, _tell_stranger, open_session
 from mavkf.publish.subscriber import CAPACITY, Inbox, subscribe
 
 from .conftest import Child, listening, make_pose
@@ -309,3 +309,18 @@ def test_wrong_arguments(rendezvous: str) -> None:
                 publisher.publish(make_pose(vehicle="2-1"))
             with pytest.raises(MavkfError, match="sensor"):
                 publisher.publish(Innovation(vehicle="1-1", session=0, seq=0, sensor="a/b", fused=True))
+
+
+def test_a_session_that_is_being_closed_has_nothing_to_tell() -> None:
+    class Closing:
+        """What a session is to other threads while one closes it."""
+
+        def is_closed(self) -> bool:
+            raise RuntimeError("Already mutably borrowed")
+
+    said: list[str] = []
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        place = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        _tell_stranger(Closing(), place, said.append)  # type: ignore[arg-type]
+        _tell_absent(Closing(), [place], said.append)  # type: ignore[arg-type]
+    assert said == []

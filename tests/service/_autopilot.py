@@ -1,7 +1,8 @@
 """A scripted autopilot: sends messages at intervals that can be set, asked for, denied or ignored; pymavlink encodes and decodes."""
 
 import random
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -22,14 +23,18 @@ class Autopilot:
         sets: Manner = "grant",
         gets: Manner = "grant",
         streams: Manner = "grant",
+        reads: Manner = "grant",
+        parameters: Mapping[str, float] | None = None,
         denied: tuple[str, ...] = (),
         intervals_us: dict[str, int] | None = None,
         version: int = 2,
         kind: tuple[int, int] = (2, 3),
     ) -> None:
-        """sets, gets, streams: what it does with each kind of question; denied: messages that it does not have;
-        intervals_us: what it sends at first beside heartbeats; kind: MAV_TYPE and MAV_AUTOPILOT of its heartbeats."""
+        """sets, gets, streams, reads: what it does with each kind of question; denied: messages that it does not have;
+        parameters: their values, of others it says nothing; intervals_us: what it sends at first beside heartbeats;
+        kind: MAV_TYPE and MAV_AUTOPILOT of its heartbeats."""
         self.sets, self.gets, self.streams, self.denied = sets, gets, streams, denied
+        self.reads, self.parameters = reads, dict(parameters or {})
         self.default = dict(intervals_us or {})
         self.intervals = dict(self.default)
         self.asked: list[Any] = []
@@ -54,6 +59,8 @@ class Autopilot:
                 self._set(mavlink.mavlink_map[int(message.param1)].msgname, int(message.param2))
             elif name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
                 self._get(int(message.param1))
+            elif name == "PARAM_REQUEST_READ":
+                self._read(message.param_id)
             elif name == "REQUEST_DATA_STREAM" and self.streams == "grant":
                 for one in GROUPS[message.req_stream_id]:
                     self.intervals[one] = (
@@ -75,6 +82,22 @@ class Autopilot:
             interval = self.intervals.get(mavlink.mavlink_map[message].msgname, -1)
             self._answers.append(self._packed(mavlink.MAVLink_message_interval_message(message, interval)))
         self._acknowledge(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, self.gets == "deny")
+
+    def _read(self, name: str) -> None:
+        if self.reads == "deny":
+            error = mavlink.MAVLink_param_error_message(1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, name.encode(), -1, 1)
+            self._answers.append(self._packed(error))
+        elif self.reads == "grant" and name in self.parameters:
+            self._answers.append(self._packed(self.parameter(name)))
+
+    def parameter(self, name: str) -> Any:
+        """PARAM_VALUE as its firmware encodes it: whole numbers as INT32 by their bytes (PX4), or as a small one by value."""
+        value, number = self.parameters[name], mavlink.MAV_PARAM_TYPE_REAL32
+        if isinstance(value, int) and self.kind[1] == mavlink.MAV_AUTOPILOT_PX4:
+            (value,), number = struct.unpack("<f", struct.pack("<i", value)), mavlink.MAV_PARAM_TYPE_INT32
+        elif isinstance(value, int):
+            number = mavlink.MAV_PARAM_TYPE_INT16
+        return mavlink.MAVLink_param_value_message(name.encode(), value, number, 900, 0xFFFF)
 
     def _acknowledge(self, command: int, is_denied: bool) -> None:
         result = mavlink.MAV_RESULT_UNSUPPORTED if is_denied else mavlink.MAV_RESULT_ACCEPTED

@@ -151,6 +151,35 @@ def test_a_udp_client_speaks_first_and_survives_that_nobody_is_there() -> None:
                 heard.wait(lambda heard: (b"answer to hello", True) in heard.chunks)
 
 
+@pytest.mark.parametrize("text", ["udpin:127.0.0.1:0", "tcpin:127.0.0.1:0"])
+def test_a_port_that_was_opened_and_never_read_is_given_back(text: str) -> None:
+    heard = Heard()
+    link = source(text, heard.say)
+    assert isinstance(link, Link)
+    link.open()
+    kind = socket.SOCK_DGRAM if text.startswith("udp") else socket.SOCK_STREAM
+    with socket.socket(type=kind) as other, pytest.raises(OSError, match="in use"):
+        other.bind(("127.0.0.1", heard.port()))
+    link.close()
+    with socket.socket(type=kind) as other:
+        other.bind(("127.0.0.1", heard.port()))
+
+
+def test_a_udp_client_without_a_route_leaves_no_socket_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[socket.socket] = []
+
+    class Unroutable(socket.socket):
+        def connect(self, _: object) -> None:
+            made.append(self)
+            raise OSError(101, "Network is unreachable")
+
+    monkeypatch.setattr("mavkf.service.endpoints.udp.socket.socket", Unroutable)
+    with running("udpout:127.0.0.1:9") as (_, heard):
+        heard.wait(lambda heard: any("cannot be reached" in line for line in heard.said))
+        until(lambda: len(made) > 1)
+    assert all(one.fileno() == -1 for one in made)
+
+
 def test_a_tcp_client_writes_and_never_waits_for_who_does_not_read() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(PATIENCE_S)

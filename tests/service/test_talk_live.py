@@ -69,7 +69,7 @@ def assert_same_poses(reader: Reader, recordings: list[Path], output: Path) -> N
 def test_a_shy_signed_autopilot_is_asked_believed_and_left_as_it_was(
     serve: Start, reader: Reader, tmp_path: Path
 ) -> None:
-    shy = Autopilot(intervals_us={"GPS2_RAW": 1_000_000})
+    shy = Autopilot(intervals_us={"GPS2_RAW": 1_000_000}, parameters={"GPS1_POS_X": 0.2, "INS_POS1_X": -0.1})
     signing = shy.wire.signing
     signing.secret_key, signing.sign_outgoing = bytes.fromhex(KEY), True
     signing.timestamp = stamp_of(time.time_ns() // 1000)
@@ -88,6 +88,7 @@ def test_a_shy_signed_autopilot_is_asked_believed_and_left_as_it_was(
         reader.wait(has_pose_at(20.0))
         assert shy.intervals["HIGHRES_IMU"] == 10_000
         assert process.interrupt() == 130
+    assert any("its parameters say GPS1_POS_X 0.2, INS_POS1_X -0.1" in line for line in process.lines)
     assert any("model strapdown begins" in line for line in process.lines)
     assert {name: interval for name, interval in shy.intervals.items() if interval > 0} == shy.default
     assert shy.ear.signing.badsig_count == 0

@@ -2,6 +2,7 @@
 
 import os
 import random
+import socket
 from collections.abc import Callable
 from threading import Event, Lock
 
@@ -35,6 +36,7 @@ class Link:
         self.unsent = 0
         self.has_ended = False
         self.closed = Event()
+        self._untaken: socket.socket | None = None  # what `open` has taken and no `receive` has charge of yet
 
     @property
     def is_local(self) -> bool | None:
@@ -58,8 +60,10 @@ class Link:
         return False
 
     def close(self) -> None:
-        """Make `receive` return soon, and give the device back when it has."""
+        """Make `receive` return soon, and give the device back when it has, or now where it never ran."""
         self.closed.set()
+        if self._untaken is not None:
+            self._untaken.close()
 
 
 class BackOff:

@@ -96,11 +96,12 @@ class TcpListener(_Stream):
 
     def open(self) -> None:
         """Bind the port. Raises EndpointError."""
-        self._listener = bound(self.name, self._host, self._port, socket.SOCK_STREAM)
+        self._listener = self._untaken = bound(self.name, self._host, self._port, socket.SOCK_STREAM)
         self.say(f"listens on tcpin:{self._host}:{self._listener.getsockname()[1]}")
 
     def receive(self, take: Take) -> None:
         """Take connections, and give every chunk to `take`, until closed."""
+        self._untaken = None
         connection: socket.socket | None = None
         with self._listener:
             while not self.closed.is_set():

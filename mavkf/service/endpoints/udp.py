@@ -25,12 +25,13 @@ class UdpListener(Link):
 
     def open(self) -> None:
         """Bind the port. Raises EndpointError."""
-        self._socket = bound(self.name, self._host, self._port, socket.SOCK_DGRAM)
+        self._socket = self._untaken = bound(self.name, self._host, self._port, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         self.say(f"listens on udpin:{self._host}:{self._socket.getsockname()[1]}")
 
     def receive(self, take: Take) -> None:
         """Give every datagram to `take` until closed."""
+        self._untaken = None
         with self._socket:
             while not self.closed.is_set():
                 if not select.select([self._socket], [], [], POLL_S)[0]:
@@ -86,11 +87,7 @@ class UdpClient(Link):
         told = False
         while not self.closed.is_set():
             try:
-                family, kind, protocol, _, address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)[
-                    0
-                ]
-                made = socket.socket(family, kind, protocol)
-                made.connect(address)
+                made = self._connected()
             except OSError as error:
                 if not told:
                     self.say(f"{self.name} cannot be reached ({reason(error)}); it is tried again until it can")
@@ -99,10 +96,20 @@ class UdpClient(Link):
                 continue
             made.setblocking(False)
             made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-            self._is_local = is_near(str(address[0]))
+            self._is_local = is_near(str(made.getpeername()[0]))
             self._socket = made
             with made:
                 self._read(made, take)
+
+    def _connected(self) -> socket.socket:
+        family, kind, protocol, _, address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)[0]
+        made = socket.socket(family, kind, protocol)
+        try:
+            made.connect(address)
+        except OSError:  # there is no route
+            made.close()
+            raise
+        return made
 
     def _read(self, made: socket.socket, take: Take) -> None:
         while not self.closed.is_set():
