@@ -19,7 +19,7 @@ from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS
-from mavkf.navigation.events import SortedEvents, select, to_events
+from mavkf.navigation.events import Arrivals, SortedEvents
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
@@ -67,10 +67,10 @@ class SessionEstimator:
         self.state = np.empty(L.STATE_SIZE)
         self.parameters: Array = np.zeros(PARAMETERS)
         self._lag = lag_s
+        self._arrivals: Arrivals | None = None
         self._lagging: FixedLag | None = None
         self._waiting: list[Array] = []
         self._first_sensor = np.nan
-        self._next_id = 0
         self._cursor = np.zeros(timeline.CURSOR_SIZE, dtype=np.int64)
         self._cursor[timeline.LAST_SLOT] = -1
         self._marks = np.full(timeline.MARKS_SIZE, -np.inf)
@@ -151,15 +151,16 @@ class SessionEstimator:
 
     def _run(self, rows: Array) -> Iterator[Output]:
         assert self.setup is not None
-        if self._next_id == 0:
+        if self._arrivals is None:
+            self._arrivals = Arrivals(self.setup)
             self._allocate()
-        events = to_events(rows[select(rows, self.setup)], self.setup, self._next_id)
-        self._next_id += events.shape[0]
+        events = self._arrivals.events(rows)
         if self._lagging is not None:
             self._lagging.take(events)
         i = 0
+        innovations, notes, counts = self._out[:3]
         while i < events.shape[0]:
-            self._out[2][:] = 0
+            counts[:] = 0
             i, n = timeline.run_live(
                 self.state,
                 events,
@@ -174,11 +175,7 @@ class SessionEstimator:
                 self._poses,
                 self._out,
             )
-            yield Output(
-                self._poses[:n].copy(),
-                self._out[0][: self._out[2][0]].copy(),
-                self._out[1][: self._out[2][1]].copy(),
-            )
+            yield Output(self._poses[:n].copy(), innovations[: counts[0]].copy(), notes[: counts[1]].copy())
 
 
 def fold_counts(state: Array) -> dict[str, int]:

@@ -68,18 +68,40 @@ def order(time: np.ndarray, kind: np.ndarray, source: np.ndarray, sequence: np.n
 
 
 @kernel
-def place_events(rows, index, numbers, delays, events):
-    """Fill events (m, EVENT_WIDTH) with the rows at an index (m,), their running numbers (m,) and times of measurement.
+def place_event(row, number, delays, event):
+    """Fill an event (EVENT_WIDTH,) with a row, its running number and its time of measurement.
 
     delays: (kinds,) s; the earth's field is left unknown.
     """
+    for j in range(ROW_WIDTH):
+        event[j] = row[j]
+    event[TIME] -= delays[int(event[KIND])]
+    for j in range(ROW_WIDTH, L.EVENT_ID):
+        event[j] = np.nan
+    event[L.EVENT_ID] = number
+
+
+@kernel
+def place_events(rows, index, numbers, delays, events):
+    """Fill events (m, EVENT_WIDTH) with the rows at an index (m,), as of `place_event`, with these running numbers (m,)."""
     for i in range(index.size):
-        for j in range(ROW_WIDTH):
-            events[i, j] = rows[index[i], j]
-        events[i, TIME] -= delays[int(events[i, KIND])]
-        for j in range(ROW_WIDTH, L.EVENT_ID):
-            events[i, j] = np.nan
-        events[i, L.EVENT_ID] = numbers[i]
+        place_event(rows[index[i]], numbers[i], delays, events[i])
+
+
+@kernel
+def choose_events(rows, wanted, delays, number, events):
+    """Fill events (n, EVENT_WIDTH), as of `place_event`, with the rows (n, ROW_WIDTH) that are wanted (kinds, sources) and have a time.
+
+    number: of the first. Returns how many they are, and how many of them are fixes.
+    """
+    count = fixes = 0
+    for i in range(rows.shape[0]):
+        kind = int(rows[i, KIND])
+        if wanted[kind, int(rows[i, SOURCE])] and math.isfinite(rows[i, TIME]):
+            place_event(rows[i], number + count, delays, events[count])
+            count += 1
+            fixes += kind == GNSS_KIND
+    return count, fixes
 
 
 @kernel

@@ -5,7 +5,7 @@ token is `.../alive`.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from math import isfinite
 from typing import Any, Literal, TypeVar, get_args
 
@@ -32,7 +32,12 @@ TYPES: dict[str, type[Record]] = {
 
 _WHAT: dict[type, str] = {kind: what for what, kind in TYPES.items()}
 _ELEMENTWISE = {"euler_deg", "pose_covariance", "r", "S"}  # null stands for one element, elsewhere for the vector
-_ENCODERS = {"json": msgspec.json.Encoder().encode, "msgpack": msgspec.msgpack.Encoder().encode}
+ENCODERS: dict[str, Callable[[Record], bytes]] = {
+    "json": msgspec.json.Encoder().encode,
+    "msgpack": msgspec.msgpack.Encoder().encode,
+}
+"""Turn a record that is `finite` into bytes."""
+
 _JSON = {what: msgspec.json.Decoder(kind) for what, kind in TYPES.items()}
 _MSGPACK = {what: msgspec.msgpack.Decoder(kind) for what, kind in TYPES.items()}
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -52,15 +57,19 @@ def check_choice(name: str, value: str, choices: Any) -> str:
     return value
 
 
+def name_of(record: Record) -> str:
+    """Give what follows the vehicle in the key that a record is published on."""
+    return f"innovation/{record.sensor}" if isinstance(record, Innovation) else _WHAT[type(record)]
+
+
 def key_of(record: Record) -> str:
     """Give the key that a record is published on."""
-    what = _WHAT[type(record)]
-    return f"mavkf/{record.vehicle}/{what}" + (f"/{record.sensor}" if isinstance(record, Innovation) else "")
+    return f"mavkf/{record.vehicle}/{name_of(record)}"
 
 
 def encode(record: Record, encoding: Encoding = "json") -> bytes:
     """Turn a record into bytes; what is not finite becomes null first."""
-    return _ENCODERS[encoding](finite(record))
+    return ENCODERS[encoding](finite(record))
 
 
 def decode(what: str, payload: bytes) -> Record:
