@@ -17,7 +17,9 @@ STRIDE = 16  # events between snapshots
 ROOM = 512  # rows that must be left in an output buffer before an event is taken
 # The cursor: whole numbers that a live run keeps beside its arrays.
 EVENTS, FOLDED, LAST_SLOT, LATE = range(4)
-CURSOR_SIZE = 4
+LOOK = 4  # how many events there may be before it is looked which are too old to be needed
+CURSOR_SIZE = 5
+FEWEST = 128  # events between two such looks
 NEWEST_IMU, NEWEST, FORGOTTEN = (
     0,
     1,
@@ -181,18 +183,26 @@ def copy_state(a, b):
 
 
 @kernel
-def forget_old(events, snapshots, cursor):
-    """Drop the older half of a full history, in whole strides; returns the time of the last that was dropped."""
-    drop = (cursor[EVENTS] // 2 // STRIDE) * STRIDE
-    last = events[drop - 1, TIME]
-    for k in range(cursor[EVENTS] - drop):
-        copy(events[k], events[k + drop])
-    moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
-    for k in range(moved):
-        copy_state(snapshots[k + drop // STRIDE], snapshots[k])
-    cursor[EVENTS] -= drop
-    cursor[FOLDED] -= drop
-    return last
+def forget_old(events, snapshots, cursor, marks, window):
+    """Drop what no event can be put before any more, in whole strides; of a full history the older half if need be.
+
+    What is kept is small and written over again and again, so it stays in the cache.
+    """
+    count, drop = cursor[EVENTS], 0
+    while drop + STRIDE < count and events[drop + STRIDE - 1, TIME] < marks[NEWEST] - window:
+        drop += STRIDE
+    if count >= events.shape[0]:
+        drop = max(drop, (count // 2 // STRIDE) * STRIDE)
+    if drop > 0:
+        marks[FORGOTTEN] = events[drop - 1, TIME]
+        for k in range(count - drop):
+            copy(events[k], events[k + drop])
+        moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
+        for k in range(moved):
+            copy_state(snapshots[k + drop // STRIDE], snapshots[k])
+        cursor[EVENTS] -= drop
+        cursor[FOLDED] -= drop
+    cursor[LOOK] = min(events.shape[0], cursor[EVENTS] + max(FEWEST, cursor[EVENTS] // 2))
 
 
 @kernel
@@ -227,8 +237,8 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
         newer = not e[TIME] <= marks[NEWEST_IMU]
         makes_pose = newer and is_lone_fix(e, marks[NEWEST_IMU], c)
         marks[NEWEST] = max(marks[NEWEST], e[TIME])
-        if cursor[EVENTS] >= events.shape[0]:
-            marks[FORGOTTEN] = forget_old(events, snapshots, cursor)
+        if cursor[EVENTS] >= cursor[LOOK]:
+            forget_old(events, snapshots, cursor, marks, window)
         place = insert(events, cursor[EVENTS], e)
         cursor[EVENTS] += 1
         if place < cursor[FOLDED]:
