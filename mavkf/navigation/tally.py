@@ -57,3 +57,40 @@ def count_innovations(rows: Any, sensors: Any) -> None:
     """Add innovation rows (n, INNOVATION_WIDTH) to the counts of each sensor (SENSORS, 2)."""
     for i in range(rows.shape[0]):
         sensors[int(rows[i, L.I_SENSOR]), FUSED if rows[i, L.I_FUSED] else REFUSED] += 1
+
+
+@kernel
+def renew(
+    kept: Any, span: Any, new: Any, kind: Any, chosen: int, speed: float, oldest: float, nis: Any
+) -> tuple[int, float]:
+    """Put the new innovations of one kind to those kept, forget what is too many or too old, and say what was fused.
+
+    kept: (2 n, INNOVATION_WIDTH + 1), rows and the vehicle's speed at each; those of them in use are of the indices span (2,), n at most.
+    new: (m, INNOVATION_WIDTH), kind (m,) the number of each's kind, `chosen` that which is taken. speed: m/s; oldest: time, s. nis: (n,)
+    is filled with that of those fused; returns how many they are, and the sum of their dimensions.
+    """
+    most = kept.shape[0] // 2
+    for i in range(new.shape[0]):
+        if kind[i] != chosen:
+            continue
+        if span[1] == kept.shape[0]:
+            for k in range(most):
+                for j in range(kept.shape[1]):
+                    kept[k, j] = kept[most + k, j]
+            span[0], span[1] = 0, most
+        for j in range(L.INNOVATION_WIDTH):
+            kept[span[1], j] = new[i, j]
+        kept[span[1], L.INNOVATION_WIDTH] = speed
+        span[1] += 1
+        span[0] = max(span[0], span[1] - most)
+    old = 0
+    for k in range(span[0], span[1]):
+        old += kept[k, L.I_TIME] < oldest
+    span[0] += old
+    fused, size = 0, 0.0
+    for k in range(span[0], span[1]):
+        if kept[k, L.I_FUSED] > 0.0:
+            nis[fused] = kept[k, L.I_NIS]
+            size += kept[k, L.I_SIZE]
+            fused += 1
+    return fused, size
