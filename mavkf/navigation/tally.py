@@ -14,6 +14,7 @@ KINDS = max(Kind) + 1
 # Times of a session, s, that go with the counts
 NEWEST, BEFORE = range(2)  # newest boot time (-inf: none), and what it was before the last row
 FUSED, REFUSED = range(2)
+SECOND, STATUS = 1, 2
 
 
 class Tally:
@@ -32,24 +33,30 @@ class Tally:
 
 
 @kernel
-def take_second(rows: Any, first: int, times: Any, kinds: Any, newest: Any) -> tuple[int, bool]:
-    """Count timed rows from index `first` on, to the end of the session or to the row with which the newest time enters another second.
+def take_part(rows: Any, first: int, phase: float, times: Any, kinds: Any, newest: Any) -> tuple[int, int]:
+    """Count timed rows from index `first` on, to the end of the session or to the row with which something becomes due.
 
-    rows: (n, ROW_WIDTH), those of later sessions behind. Returns the index to go on from, and whether another second was entered.
+    rows: (n, ROW_WIDTH), those of later sessions behind. phase: s after each full second of the newest time at which a status is due.
+    Returns the index to go on from, and what is due: bits SECOND, where the newest time has entered another, and STATUS.
     """
     session = rows[first, SESSION]
-    begun = math.floor(times[NEWEST] if math.isfinite(times[NEWEST]) else rows[first, TIME])
     for i in range(first, rows.shape[0]):
         if rows[i, SESSION] != session:
-            return i, False
+            return i, 0
         t, kind = rows[i, TIME], int(rows[i, KIND])
         kinds[kind] += 1
         newest[kind] = max(newest[kind], t)
         times[BEFORE] = times[NEWEST]
         times[NEWEST] = max(times[NEWEST], t)
-        if math.floor(times[NEWEST]) > begun:
-            return i + 1, True
-    return rows.shape[0], False
+        before = times[BEFORE] if math.isfinite(times[BEFORE]) else t
+        due = 0
+        if math.floor(times[NEWEST]) > math.floor(before):
+            due |= SECOND
+        if math.floor(times[NEWEST] - phase) > math.floor(before - phase):
+            due |= STATUS
+        if due:
+            return i + 1, due
+    return rows.shape[0], 0
 
 
 @kernel

@@ -125,14 +125,11 @@ class Fleet:
 
     def take(self, data: NDArray[np.uint8], frames: NDArray[np.void]) -> None:
         """Take frames in the order of arrival, and publish what comes of them."""
-        beats = frames[frames["message"] == HEARTBEAT]
-        beating = set(zip(beats["system"].tolist(), beats["component"].tolist(), strict=True)) if len(beats) else ()
+        beating = set(frames[["system", "component"]][frames["message"] == HEARTBEAT].tolist())
         for address, rows in decode(data, frames, self.refused).items():
-            if address in self._ignored:
-                continue
-            if address in beating:
+            if address in beating and not (address in self._autopilots or address in self._ignored):
                 self._listen(address, rows)
-            if address in self._others:
+            if address in self._ignored or address in self._others:
                 continue
             if address in self.vehicles or self._has_room():
                 self._hear(self._vehicle(address), len(rows))
@@ -177,12 +174,12 @@ class Fleet:
                 vehicle.publisher = None
 
     def _listen(self, address: Address, rows: NDArray[np.float64]) -> None:
-        """Tell by the heartbeats among its rows whether a sender is a vehicle."""
+        """Tell by the heartbeats among its rows whether a sender is a vehicle; one that is known to be stays one."""
         said = is_vehicle(rows)
         if said:
             self._autopilots.add(address)
             self._others.discard(address)
-        elif said is False and address not in self._autopilots:
+        elif said is False:
             self._others.add(address)
             self._drop(address)
 

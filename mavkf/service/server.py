@@ -5,6 +5,7 @@ reaches an estimate but the arrival stamps, so a recording holds all that decide
 bit (`utc_ns` aside), what `replay --as-live` computes from the recording that was made meanwhile.
 """
 
+import gc
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -93,6 +94,8 @@ def serve_links(
         control = Control(session, fleet, say) if options.control else None
         if control is not None:
             ends.callback(control.close)
+        ends.callback(gc.unfreeze)
+        gc.freeze()  # modules and machine code stay: to look at them again and again would hold up what comes
         begin = time.monotonic()
         due, told = begin, False
         while not stopped():

@@ -1,7 +1,8 @@
 """One vehicle from decoded rows to records: clock, sessions, estimator, status. Live and `replay --as-live` run exactly this.
 
-What comes out depends on the rows and their order alone, not on how they are cut into calls: rows are taken up to each full second of
-the boot clock, where a status is due.
+What comes out depends on the rows and their order alone, not on how they are cut into calls: rows are taken up to where something is due
+once a second of the boot clock. When in the second a status is due follows from the arrival of the session's first row, lest those of a
+fleet that was switched on together all come at once.
 """
 
 import math
@@ -20,8 +21,8 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts
 from mavkf.navigation.pose import pose_row
 from mavkf.navigation.records import MODES, SENSOR_NAMES, RecordWriter, flag_names, model_name, validity
-from mavkf.navigation.tally import BEFORE, NEWEST, Tally, count_innovations, take_second
-from mavkf.samples import KIND, SESSION, TIME, UNIX_US, Kind, Source
+from mavkf.navigation.tally import BEFORE, NEWEST, SECOND, STATUS, Tally, count_innovations, take_part
+from mavkf.samples import ARRIVAL, KIND, SESSION, TIME, UNIX_US, Kind, Source
 from mavkf.service.consistency import RecentInnovations
 from mavkf.service.utc import UtcClock
 
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 LINK_GAP_S = 3.0
 KINDS = {Kind.IMU: "imu", Kind.GNSS: "gnss", Kind.MAGNETOMETER: "magnetometer", Kind.BAROMETER: "barometer"}
 SYSTEM_TIME = int(Kind.SYSTEM_TIME)
+SPREAD = 2_654_435_769
+"""2^32 over the golden ratio (Knuth, "The Art of Computer Programming", 3, 6.4): vehicles heard one after another are spread evenly."""
 EVERYTHING = (-math.inf, math.inf)
 
 
@@ -67,6 +70,7 @@ class VehicleStream:
         self.session = -1
         self.estimator: SessionEstimator | None = None
         self._known = False  # it was a vehicle in a session before
+        self._phase = 0.0  # s after each full second at which a status is due
         self._begin(-1)
 
     def _begin(self, session: int) -> None:
@@ -118,10 +122,10 @@ class VehicleStream:
         while i < rows.shape[0]:
             session = int(rows[i, SESSION])
             if session != self.session:
-                yield from self._change_session(session, float(rows[i, TIME]))
+                yield from self._change_session(session, float(rows[i, TIME]), float(rows[i, ARRIVAL]))
             tally, first = self._tally, i
             reports = tally.kinds[SYSTEM_TIME]
-            i, due = take_second(rows, i, tally.times, tally.kinds, tally.newest)
+            i, due = take_part(rows, i, self._phase, tally.times, tally.kinds, tally.newest)
             part = rows[first:i]
             if tally.kinds[SYSTEM_TIME] != reports:
                 for row in part[part[:, KIND] == SYSTEM_TIME]:
@@ -131,16 +135,18 @@ class VehicleStream:
                 yield self._step(output)
             if due and self.is_vehicle:
                 before, newest = map(float, tally.times[[BEFORE, NEWEST]])
-                status = self._status()
+                status = self._status() if due & STATUS else None
                 gap = newest - before  # so large a step always enters another second
                 event = self._gap(before, gap) if gap > LINK_GAP_S else None
-                yield Step(session, _nothing(), status, event, self._smoothed(newest))
+                yield Step(session, _nothing(), status, event, self._smoothed(newest) if due & SECOND else None)
 
-    def _change_session(self, session: int, t: float) -> Iterator[Step]:
+    def _change_session(self, session: int, t: float, arrival: float) -> Iterator[Step]:
+        """Begin a session; t, arrival: boot time (s) of its first row, and when that arrived (microseconds UTC)."""
         before = self._newest
         self._known |= self.is_vehicle
         yield from self._end_session()
         self._begin(session)
+        self._phase = int(arrival) * SPREAD % 2**32 / 2**32
         if self._known:
             event = Event(
                 **self.writer.head("event", session, t),

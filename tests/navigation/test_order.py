@@ -219,6 +219,14 @@ def test_a_full_history_forgets_its_older_half_and_nothing_else(rows: Array, bat
     assert differences(state, batch.state) == []
 
 
+def test_of_a_long_flight_little_more_than_the_window_is_kept(rows: Array) -> None:
+    estimator, _ = run(rows)
+    t = estimator._events[: estimator._cursor[timeline.EVENTS], TIME]
+    inside = int(np.count_nonzero(t >= t[-1] - CONFIG.timeline.window_s))
+    assert inside < len(t) < len(rows) // 4
+    assert len(t) <= (inside + timeline.STRIDE) * 1.5 + timeline.FEWEST
+
+
 def test_older_than_the_history_is_counted_and_dropped(rows: Array, batch: Offline) -> None:
     events = Arrivals(batch.setup).events(rows)
     held = int(np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, TIME] > 120.0))[0])
