@@ -273,6 +273,6 @@ class FrameStream:
             ends.append((size, arrival_us, last))
         data = np.frombuffer(b"".join(pieces), np.uint8)
         frames = np.empty(size // 8 + 1, FRAME)
-        found, consumed = scan_chunks(data, np.array(ends, np.int64), self._table, frames, self._counts)
+        found, consumed = scan_chunks(data, np.array(ends, np.int64).reshape(-1, 3), self._table, frames, self._counts)
         self._pending = data[consumed:].tobytes()
         return data, frames[:found]

@@ -71,14 +71,11 @@ class SessionEstimator:
         self._lagging: FixedLag | None = None
         self._waiting: list[Array] = []
         self._first_sensor = np.nan
-        self._cursor = np.zeros(timeline.CURSOR_SIZE, dtype=np.int64)
-        self._cursor[timeline.LAST_SLOT] = -1
-        self._marks = np.full(timeline.MARKS_SIZE, -np.inf)
 
     @property
     def late(self) -> int:
         """Events dropped because they were older than the window."""
-        return int(self._cursor[timeline.LATE])
+        return 0 if self._arrivals is None else int(self._cursor[timeline.LATE])
 
     def push(self, rows: Array) -> Iterator[Output]:
         """Take rows (n, ROW_WIDTH) in the order of arrival; yields outputs as they arise, none while the set-up is open."""
@@ -144,8 +141,7 @@ class SessionEstimator:
             self._lagging = FixedLag(self.state, self.parameters, self.rate, self._lag)
 
     def _allocate(self) -> None:
-        self._events = np.empty((HISTORY, L.EVENT_WIDTH))
-        self._snapshots = np.empty((HISTORY // timeline.STRIDE + 2, L.STATE_SIZE))
+        self._events, self._snapshots, self._cursor, self._marks = timeline.history(HISTORY)
         self._out = L.buffers(BUFFER, BUFFER, SENSORS * HISTORY)
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 

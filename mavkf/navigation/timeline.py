@@ -13,12 +13,17 @@ from mavkf.navigation.pose import pose_row
 from mavkf.samples import KIND, ROW_WIDTH, SEQUENCE, SOURCE, TIME
 from mavkf.stack import copy
 
-STRIDE = 16  # events between snapshots
+STRIDE = 16  # events between snapshots of all the history
+FINE = (
+    4  # between those of its end: most late events are late by a few only, and to fold up to their place again is work
+)
+RECENT = 16  # of these
 ROOM = 512  # rows that must be left in an output buffer before an event is taken
 # The cursor: whole numbers that a live run keeps beside its arrays.
 EVENTS, FOLDED, LAST_SLOT, LATE = range(4)
 LOOK = 4  # how many events there may be before it is looked which are too old to be needed
-CURSOR_SIZE = 5
+FINE_AT = 5  # before which event each snapshot of the end was taken, -1: none
+CURSOR_SIZE = FINE_AT + RECENT
 FEWEST = 128  # events between two such looks
 NEWEST_IMU, NEWEST, FORGOTTEN = (
     0,
@@ -26,6 +31,16 @@ NEWEST_IMU, NEWEST, FORGOTTEN = (
     2,
 )  # times (s) kept beside it: newest sample of each, and up to where the history was dropped
 MARKS_SIZE = 3
+
+
+def history(capacity):
+    """Arrays of a live run that holds so many events at most: events, snapshots, cursor, marks, as `run_live` takes them."""
+    cursor = np.zeros(CURSOR_SIZE, dtype=np.int64)
+    cursor[LAST_SLOT] = -1
+    cursor[FINE_AT:] = -1
+    events = np.empty((capacity, L.EVENT_WIDTH))
+    snapshots = np.empty((RECENT + capacity // STRIDE + 2, L.STATE_SIZE))
+    return events, snapshots, cursor, np.full(MARKS_SIZE, -np.inf)
 
 
 @kernel
@@ -198,8 +213,10 @@ def forget_old(events, snapshots, cursor, marks, window):
         for k in range(count - drop):
             copy(events[k], events[k + drop])
         moved = cursor[FOLDED] // STRIDE + 1 - drop // STRIDE
-        for k in range(moved):
+        for k in range(RECENT, RECENT + moved):
             copy_state(snapshots[k + drop // STRIDE], snapshots[k])
+        for k in range(FINE_AT, CURSOR_SIZE):
+            cursor[k] = -1
         cursor[EVENTS] -= drop
         cursor[FOLDED] -= drop
     cursor[LOOK] = min(events.shape[0], cursor[EVENTS] + max(FEWEST, cursor[EVENTS] // 2))
@@ -207,19 +224,33 @@ def forget_old(events, snapshots, cursor, marks, window):
 
 @kernel
 def fold_to_end(s, events, snapshots, cursor, c, out):
-    """Fold what has not been folded; keep a snapshot before every STRIDE-th event."""
+    """Fold what has not been folded; keep a snapshot before every STRIDE-th event, and before every FINE-th of late."""
     for k in range(cursor[FOLDED], cursor[EVENTS]):
         if k % STRIDE == 0:
-            copy_state(s, snapshots[k // STRIDE])
+            copy_state(s, snapshots[RECENT + k // STRIDE])
+        elif k % FINE == 0:
+            slot = k // FINE % RECENT
+            copy_state(s, snapshots[slot])
+            cursor[FINE_AT + slot] = k
         fold(s, events[k], c, out)
     cursor[FOLDED] = cursor[EVENTS]
+
+
+@kernel
+def go_back(s, snapshots, cursor, place):
+    """Make the state that of the last snapshot before an event."""
+    k = place // FINE * FINE
+    while k % STRIDE != 0 and cursor[FINE_AT + k // FINE % RECENT] != k:
+        k -= FINE
+    copy_state(snapshots[RECENT + k // STRIDE if k % STRIDE == 0 else k // FINE % RECENT], s)
+    cursor[FOLDED] = k
 
 
 @kernel
 def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out):
     """Take events in the order of arrival, from index `first` on; each goes to its place and what follows is folded again.
 
-    events (capacity, EVENT_WIDTH) and snapshots (capacity / STRIDE + 1, STATE_SIZE) hold the history; cursor and marks go with them.
+    events, snapshots, cursor and marks: of `history`.
     Writes a pose row for each newest IMU sample of a new output interval. An event older than the newest by more than
     the window, or than what is left of the history, is counted and dropped. Returns the index to go on from and the
     number of pose rows (stops where a buffer might overflow).
@@ -242,9 +273,7 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
         place = insert(events, cursor[EVENTS], e)
         cursor[EVENTS] += 1
         if place < cursor[FOLDED]:
-            k = place // STRIDE
-            copy_state(snapshots[k], s)
-            cursor[FOLDED] = k * STRIDE
+            go_back(s, snapshots, cursor, place)
         fold_to_end(s, events, snapshots, cursor, c, out)
         if newer and is_sample_in_use(s, e):
             marks[NEWEST_IMU] = e[TIME]

@@ -197,12 +197,9 @@ def test_older_than_the_window_is_counted_and_dropped(rows: Array) -> None:
 
 def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Array]:
     """State and cursor of a live run whose history holds `capacity` events."""
-    state, cursor = np.empty(L.STATE_SIZE), np.zeros(timeline.CURSOR_SIZE, dtype=np.int64)
+    state, poses = np.empty(L.STATE_SIZE), np.empty((BUFFER, L.POSE_WIDTH))
     begin(state, c)
-    cursor[timeline.LAST_SLOT] = -1
-    history = np.empty((capacity, L.EVENT_WIDTH))
-    snapshots = np.empty((capacity // timeline.STRIDE + 2, L.STATE_SIZE))
-    marks, poses = np.full(timeline.MARKS_SIZE, -np.inf), np.empty((BUFFER, L.POSE_WIDTH))
+    history, snapshots, cursor, marks = timeline.history(capacity)
     out = L.buffers(BUFFER, BUFFER, 4 * capacity)
     i = 0
     while i < events.shape[0]:
