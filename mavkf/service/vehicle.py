@@ -138,7 +138,9 @@ class VehicleStream:
                 status = self._status() if due & STATUS else None
                 gap = newest - before  # so large a step always enters another second
                 event = self._gap(before, gap) if gap > LINK_GAP_S else None
-                yield Step(session, _nothing(), status, event, self._smoothed(newest) if due & SECOND else None)
+                smoothed = self._smoothed(newest) if due & SECOND else None
+                if status is not None or event is not None or smoothed is not None:
+                    yield Step(session, _nothing(), status, event, smoothed)
 
     def _change_session(self, session: int, t: float, arrival: float) -> Iterator[Step]:
         """Begin a session; t, arrival: boot time (s) of its first row, and when that arrived (microseconds UTC)."""
@@ -146,7 +148,7 @@ class VehicleStream:
         self._known |= self.is_vehicle
         yield from self._end_session()
         self._begin(session)
-        self._phase = int(arrival) * SPREAD % 2**32 / 2**32
+        self._phase = int(arrival) * SPREAD % 2**32 / 2**32 if math.isfinite(arrival) else 0.0
         if self._known:
             event = Event(
                 **self.writer.head("event", session, t),
