@@ -5,7 +5,6 @@ the same rows.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from math import isfinite, nan
 from typing import Any
 
@@ -23,6 +22,7 @@ Address = tuple[int, int]
 """The (system, component) ids of a sender."""
 
 MAX_PAYLOAD = 256
+SENDERS = 1 << 16  # the most there can be
 
 NO_CLOCK, BOOT_US, BOOT_MS, UNIX = int(Clock.NONE), int(Clock.BOOT_US), int(Clock.BOOT_MS), int(Clock.UNIX_US)
 
@@ -88,6 +88,26 @@ def stamp(values: Any) -> tuple[float, int]:
     return nan, NO_CLOCK
 
 
+@kernel
+def choose_frames(frames: Any, sources: Any, families: Any, chosen: Any, senders: Any) -> tuple[int, int, bool]:
+    """Fill `chosen` with the indices of the frames that give rows, `senders` with who sent them: system times 256 plus component.
+
+    Returns how many they are, how many rows they give at most, and whether the senders are in order.
+    """
+    n = most = 0
+    in_order = True
+    for i in range(frames.size):
+        source = sources[frames[i].message]
+        if source < 0:
+            continue
+        chosen[n] = i
+        senders[n] = int(frames[i].system) << 8 | int(frames[i].component)
+        in_order = in_order and (n == 0 or senders[n - 1] <= senders[n])
+        most += c.ROWS_OF_FAMILY[families[source]]
+        n += 1
+    return n, most, in_order
+
+
 @long_kernel
 def frame_rows(
     data: Any,
@@ -100,13 +120,14 @@ def frame_rows(
     names: Any,
     work: Any,
     counts: Any,
+    ends: Any,
     out: Any,
 ) -> None:
-    """Write the rows of the chosen frames (indices) to `out`; counts[WRITTEN] is how many. work: of `work_space`."""
+    """Write the rows of the chosen frames (indices) to `out`; ends (of each) is how many there are then. work: of `work_space`."""
     counts[WRITTEN] = 0
     payload, floats, values = work
-    for i in chosen:
-        frame = frames[i]
+    for n in range(chosen.size):
+        frame = frames[chosen[n]]
         source = int(sources[frame.message])
         length = int(frame.length)
         for j in range(length):
@@ -128,6 +149,21 @@ def frame_rows(
             row[s.ARRIVAL] = frame.stamp
             row[s.SOURCE] = source
             row[s.SEQUENCE] = frame.sequence
+        ends[n] = counts[WRITTEN]
+
+
+@kernel
+def find_senders(senders: Any, ends: Any, spans: Any) -> int:
+    """Fill spans (k, 3) with each sender of frames in the order of senders, and where its rows begin and end; return how many gave any."""
+    k = begin = 0
+    for n in range(senders.size):
+        if n + 1 < senders.size and senders[n + 1] == senders[n]:
+            continue
+        if ends[n] > begin:
+            spans[k, 0], spans[k, 1], spans[k, 2] = senders[n], begin, ends[n]
+            k += 1
+        begin = ends[n]
+    return k
 
 
 def work_space() -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float64]]:
@@ -145,21 +181,17 @@ def decode(
     in this order. What gives no row is added to `counts`.
     """
     tables = c.tables()
-    sources = tables.sources[frames["message"]]
-    chosen = np.flatnonzero(sources >= 0)
-    senders = frames["system"][chosen].astype(np.uint16) << 8 | frames["component"][chosen]
-    order = np.argsort(senders, kind="stable")
-    senders, chosen = senders[order], chosen[order]
-    refused = np.zeros(WRITTEN + 1, np.int64)
-    result: dict[Address, NDArray[np.float64]] = {}
-    bounds = [*np.flatnonzero(np.diff(senders, prepend=-1)).tolist(), len(chosen)]
-    for start, stop in pairwise(bounds):
-        mine = chosen[start:stop]
-        out = np.empty((int(c.ROWS_OF_FAMILY[tables.families[sources[mine]]].sum()), ROW_WIDTH))
-        frame_rows(readonly(data), frames, mine, *tables, work_space(), refused, out)
-        if refused[WRITTEN]:
-            result[int(senders[start]) >> 8, int(senders[start]) & 0xFF] = out[: refused[WRITTEN]]
+    chosen, senders = np.empty(len(frames), np.int64), np.empty(len(frames), np.int64)
+    count, most, in_order = choose_frames(frames, tables.sources, tables.families, chosen, senders)
+    chosen, senders = chosen[:count], senders[:count]
+    if not in_order:
+        order = np.argsort(senders, kind="stable")
+        senders, chosen = senders[order], chosen[order]
+    refused, ends, out = np.zeros(WRITTEN + 1, np.int64), np.empty(count, np.int64), np.empty((most, ROW_WIDTH))
+    frame_rows(readonly(data), frames, chosen, *tables, work_space(), refused, ends, out)
+    spans = np.empty((min(count, SENDERS), 3), np.int64)
+    spans = spans[: find_senders(senders, ends, spans)]
     if counts is not None:
         counts.not_finite += int(refused[NOT_FINITE])
         counts.other_instances += int(refused[OTHER_INSTANCES])
-    return result
+    return {(sender >> 8, sender & 0xFF): out[begin:end] for sender, begin, end in spans.tolist()}

@@ -4,7 +4,7 @@ MAVLink 1 and 2, signed or not. A frame counts when its CRC holds; after damage 
 does, so nothing that is whole is lost to what stands before it. Every byte is accounted for in `FrameCounts`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -36,6 +36,9 @@ STAMP_SIZE = 8
 NO_STAMP = -1
 BLOCK = 1 << 14
 """Frames found in one compiled call: what is made of them fits into the processor's cache."""
+
+END, ARRIVAL, LAST = range(3)
+"""Columns of the table of chunks."""
 
 FRAMES, BAD_CRC, UNKNOWN, STRAY, TRUNCATED, BAD_STAMPS, FRAME_BYTES, BAD_BYTES, UNKNOWN_BYTES, TAIL_BYTES = range(10)
 
@@ -193,6 +196,21 @@ def scan(data: Any, begin: int, head: int, last: bool, table: Any, frames: Any, 
     return n, begin
 
 
+@kernel
+def scan_chunks(data: Any, chunks: Any, table: Any, frames: Any, counts: Any) -> tuple[int, int]:
+    """Fill `frames` with the frames of chunks that follow each other in the data; return as `scan` does.
+
+    chunks: (n, 3), of each its END in the data, the stamp that its frames get, and LAST, which is not 0 where nothing continues it.
+    """
+    n = begin = 0
+    for k in range(chunks.shape[0]):
+        found, begin = scan(data[: chunks[k, END]], begin, 0, chunks[k, LAST] != 0, table, frames[n:], counts)
+        for i in range(n, n + found):
+            frames[i].stamp = chunks[k, ARRIVAL]
+        n += found
+    return n, begin
+
+
 def readonly(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Give the same bytes as a plain array that cannot be written, so that compiled code meets one type only."""
     data = np.asarray(data).view(np.ndarray)
@@ -264,10 +282,17 @@ class FrameStream:
         arrival_us: stamp of the chunk, microseconds UTC; each frame gets it. last: nothing of this frame will follow
         (a datagram, or the end of the stream), so what is unfinished is damage.
         """
-        data = np.frombuffer(self._pending + chunk, np.uint8)
-        frames = np.empty(data.size // 8 + 1, FRAME)
-        found, consumed = scan(data, 0, 0, last, self._table, frames, self._counts)
+        return self.push_all([(chunk, arrival_us, last)])
+
+    def push_all(self, chunks: Iterable[tuple[bytes, int, bool]]) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
+        """Take several chunks at once, each with what `push` takes; the same frames come of it."""
+        pieces, ends, size = [self._pending], [], len(self._pending)
+        for chunk, arrival_us, last in chunks:
+            pieces.append(chunk)
+            size += len(chunk)
+            ends.append((size, arrival_us, last))
+        data = np.frombuffer(b"".join(pieces), np.uint8)
+        frames = np.empty(size // 8 + 1, FRAME)
+        found, consumed = scan_chunks(data, np.array(ends, np.int64).reshape(-1, 3), self._table, frames, self._counts)
         self._pending = data[consumed:].tobytes()
-        frames = frames[:found]
-        frames["stamp"] = arrival_us
-        return data, frames
+        return data, frames[:found]

@@ -7,7 +7,6 @@
 Offline, in the order in which they were measured, `mavkf.navigation.offline` does it.
 """
 
-import mmap
 from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -20,7 +19,7 @@ from mavkf.compiled import link_apart
 from mavkf.config import Config
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
-from mavkf.navigation.events import select, to_events
+from mavkf.navigation.events import Arrivals
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import Setup, choose, parameters
@@ -68,18 +67,15 @@ class SessionEstimator:
         self.late_parameters: Counter[str] = Counter()
         """Those of the autopilot, by name, that came after the set-up and would have changed it."""
         self._lag = lag_s
+        self._arrivals: Arrivals | None = None
         self._lagging: FixedLag | None = None
         self._waiting: list[Array] = []
         self._first_sensor = np.nan
-        self._next_id = 0
-        self._cursor = np.zeros(timeline.CURSOR_SIZE, dtype=np.int64)
-        self._cursor[timeline.LAST_SLOT] = -1
-        self._marks = np.full(timeline.MARKS_SIZE, -np.inf)
 
     @property
     def late(self) -> int:
         """Events dropped because they were older than the window."""
-        return int(self._cursor[timeline.LATE])
+        return 0 if self._arrivals is None else int(self._cursor[timeline.LATE])
 
     def push(self, rows: Array) -> Iterator[Output]:
         """Take rows (n, ROW_WIDTH) in the order of arrival; yields outputs as they arise, none while the set-up is open."""
@@ -152,22 +148,22 @@ class SessionEstimator:
             self._lagging = FixedLag(self.state, self.parameters, self.rate, self._lag)
 
     def _allocate(self) -> None:
-        self._events = _untouched(HISTORY, L.EVENT_WIDTH)
-        self._snapshots = _untouched(timeline.snapshots_of(HISTORY), L.STATE_SIZE)
+        self._events, self._snapshots, self._cursor, self._marks = timeline.history(HISTORY)
         self._out = L.buffers(BUFFER, BUFFER, HISTORY)
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
     def _run(self, rows: Array) -> Iterator[Output]:
         assert self.setup is not None
-        if self._next_id == 0:
+        if self._arrivals is None:
+            self._arrivals = Arrivals(self.setup)
             self._allocate()
-        events = to_events(rows[select(rows, self.setup)], self.setup, self._next_id)
-        self._next_id += events.shape[0]
+        events = self._arrivals.events(rows)
         if self._lagging is not None:
             self._lagging.take(events)
         i = 0
+        innovations, notes, counts = self._out[:3]
         while i < events.shape[0]:
-            self._out[2][:] = 0
+            counts[:] = 0
             i, n = timeline.run_live(
                 self.state,
                 events,
@@ -182,16 +178,7 @@ class SessionEstimator:
                 self._poses,
                 self._out,
             )
-            yield Output(
-                self._poses[:n].copy(),
-                self._out[0][: self._out[2][0]].copy(),
-                self._out[1][: self._out[2][1]].copy(),
-            )
-
-
-def _untouched(rows: int, columns: int) -> Array:
-    """Zeros (rows, columns) of which only what is written takes memory, page by page; numpy's own may come in huge pages."""
-    return np.frombuffer(mmap.mmap(-1, 8 * rows * columns, access=mmap.ACCESS_COPY)).reshape(rows, columns)
+            yield Output(self._poses[:n].copy(), innovations[: counts[0]].copy(), notes[: counts[1]].copy())
 
 
 def fold_counts(state: Array) -> dict[str, int]:

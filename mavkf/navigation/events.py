@@ -9,7 +9,7 @@ from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.navigation import layout as L
 from mavkf.navigation.earth_field import earth_field
 from mavkf.navigation.setup import Setup
-from mavkf.navigation.timeline import order, place_events
+from mavkf.navigation.timeline import choose_events, order, place_events
 from mavkf.samples import (
     ACCEL,
     ARRIVAL,
@@ -36,18 +36,23 @@ BLOCK = 16_384  # events that are made at once
 SLACK = 1e-3  # s: boot times are whole microseconds, but for rounding
 
 
-def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
-    """Which rows (n, ROW_WIDTH) the fold gets: what is used or may have to be, all receivers, and heartbeats."""
-    wanted = np.zeros((KINDS, SOURCES), dtype=bool)
-    wanted[Kind.HEARTBEAT] = True
+def wanted(setup: Setup) -> NDArray[np.bool_]:
+    """Which kinds and sources (KINDS, SOURCES) the fold gets: what is used or may have to be, all receivers, and heartbeats."""
+    found = np.zeros((KINDS, SOURCES), dtype=bool)
+    found[Kind.HEARTBEAT] = True
     for kind, sources in (
         (Kind.GNSS, GNSS_SOURCES),
         (Kind.IMU, setup.imus),
         (Kind.MAGNETOMETER, setup.magnetometers),
         (Kind.BAROMETER, setup.barometers),
     ):
-        wanted[kind, list(sources)] = True
-    use: NDArray[np.bool_] = wanted[rows[:, KIND].astype(np.int64), rows[:, SOURCE].astype(np.int64)]
+        found[kind, list(sources)] = True
+    return found
+
+
+def select(rows: Array, setup: Setup) -> NDArray[np.bool_]:
+    """Which rows (n, ROW_WIDTH) the fold gets."""
+    use: NDArray[np.bool_] = wanted(setup)[rows[:, KIND].astype(np.int64), rows[:, SOURCE].astype(np.int64)]
     return use & np.isfinite(rows[:, TIME])
 
 
@@ -71,21 +76,40 @@ def turn_sensors(rows: Array, rotation: tuple[float, float, float]) -> None:
                 rows[mine, k + i] = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z
 
 
-def to_events(rows: Array, setup: Setup, first_id: int) -> Array:
-    """Events (n, EVENT_WIDTH) of selected rows: measured time in TIME, the earth's field beside each fix, running numbers."""
-    return _events_at(np.ascontiguousarray(rows), np.arange(len(rows)), first_id + np.arange(len(rows)), setup)
+class Arrivals:
+    """Makes the events of rows as they come, a few at a time."""
+
+    def __init__(self, setup: Setup) -> None:
+        """Nothing has come yet."""
+        self._wanted, self._delays, self._rotation = wanted(setup), delays(setup), setup.imu_rotation
+        self._number = 0
+
+    def events(self, rows: Array) -> Array:
+        """Events (m, EVENT_WIDTH) of the rows (n, ROW_WIDTH) that the fold gets, in their order; numbers run on from call to call."""
+        events = np.empty((len(rows), L.EVENT_WIDTH))
+        count, fixes = choose_events(rows, self._wanted, self._delays, self._number, events)
+        self._number += count
+        _complete(events[:count], self._rotation, fixes > 0)
+        return events[:count]
 
 
 def _events_at(rows: Array, index: Whole, numbers: Whole, setup: Setup) -> Array:
-    """The same of the rows at an index (m,), with these numbers (m,)."""
+    """The events (m, EVENT_WIDTH) of the rows at an index (m,), with these numbers (m,)."""
     events = np.empty((len(index), L.EVENT_WIDTH))
     place_events(rows, index, numbers, delays(setup), events)
-    turn_sensors(events, setup.imu_rotation)
+    _complete(events, setup.imu_rotation, True)
+    return events
+
+
+def _complete(events: Array, rotation: tuple[float, float, float], has_fix: bool) -> None:
+    """Turn what the IMU messages hold into the body, and put the earth's field beside each fix."""
+    turn_sensors(events, rotation)
+    if not has_fix:
+        return
     for i in np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, FIX] >= 3)):
         events[i, L.FIELD_N : L.FIELD_N + 3] = earth_field(
             events[i, LATITUDE], events[i, LONGITUDE], events[i, ARRIVAL]
         )
-    return events
 
 
 def delays(setup: Setup) -> Array:

@@ -1,10 +1,11 @@
 """The timeline: events in the order in which they were measured, folded offline at once or live with late ones put in their place."""
 
 import math
+import mmap
 
 import numpy as np
 
-from mavkf.compiled import kernel, long_kernel
+from mavkf.compiled import kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import fold
 from mavkf.navigation.parameter import Parameter
@@ -13,20 +14,41 @@ from mavkf.navigation.pose import pose_row
 from mavkf.samples import KIND, ROW_WIDTH, SEQUENCE, SOURCE, TIME
 from mavkf.stack import copy
 
-STRIDE = 16  # events between snapshots
-RECENT = 16  # snapshots back to which all are kept: most of what is late is late by less
-KEPT = 8  # every so-manieth is kept as long as its events are, for what is later
-LEAST_CAPACITY = 256  # events of a history that has just begun
+# Events between snapshots: of all the history, of its end, and of the end of that. Most late events are late by a few only, and to fold up
+# to their place again is work; what is later has more of it, and the memory stays small.
+COARSE, MIDDLE, FINE = 128, 16, 4
+RING = 16  # snapshots of each of the two kinds that stand at the end
 ROOM = 512  # rows that must be left in an output buffer before an event is taken
 # The cursor: whole numbers that a live run keeps beside its arrays.
-EVENTS, FOLDED, LAST_SLOT, LATE, CAPACITY, DROPPED = range(6)
-CURSOR_SIZE = 6
+EVENTS, FOLDED, LAST_SLOT, LATE = range(4)
+LOOK = 4  # how many events there may be before it is looked which are too old to be needed
+DROPPED = 5  # events, in whole COARSE
+TAKEN = 6  # before which event, those that were dropped counted in, each snapshot of the end was taken, -1: none
+CURSOR_SIZE = TAKEN + 2 * RING
+FEWEST = 128  # events between two such looks
 NEWEST_IMU, NEWEST, FORGOTTEN = (
     0,
     1,
     2,
 )  # times (s) kept beside it: newest sample of each, and up to where the history was dropped
 MARKS_SIZE = 3
+
+
+def history(capacity):
+    """Arrays of a live run that holds so many events at most: events, snapshots, cursor, marks, as `run_live` takes them.
+
+    A vehicle that sends little never touches most of them.
+    """
+    cursor = np.zeros(CURSOR_SIZE, dtype=np.int64)
+    cursor[LAST_SLOT] = -1
+    cursor[TAKEN:] = -1
+    snapshots = untouched(2 * RING + capacity // COARSE + 2, L.STATE_SIZE)
+    return untouched(capacity, L.EVENT_WIDTH), snapshots, cursor, np.full(MARKS_SIZE, -np.inf)
+
+
+def untouched(rows, columns):
+    """Zeros (rows, columns) of which only what is written takes memory, page by page; numpy's own may come in huge pages."""
+    return np.frombuffer(mmap.mmap(-1, 8 * rows * columns, access=mmap.ACCESS_COPY)).reshape(rows, columns)
 
 
 @kernel
@@ -70,19 +92,41 @@ def order(time: np.ndarray, kind: np.ndarray, source: np.ndarray, sequence: np.n
     return index
 
 
-@long_kernel
-def place_events(rows, index, numbers, delays, events):
-    """Fill events (m, EVENT_WIDTH) with the rows at an index (m,), their running numbers (m,) and times of measurement.
+@kernel
+def place_event(row, number, delays, event):
+    """Fill an event (EVENT_WIDTH,) with a row, its running number and its time of measurement.
 
     delays: (kinds,) s; the earth's field is left unknown.
     """
+    for j in range(ROW_WIDTH):
+        event[j] = row[j]
+    event[TIME] -= delays[int(event[KIND])]
+    for j in range(ROW_WIDTH, L.EVENT_ID):
+        event[j] = np.nan
+    event[L.EVENT_ID] = number
+
+
+@kernel
+def place_events(rows, index, numbers, delays, events):
+    """Fill events (m, EVENT_WIDTH) with the rows at an index (m,), as of `place_event`, with these running numbers (m,)."""
     for i in range(index.size):
-        for j in range(ROW_WIDTH):
-            events[i, j] = rows[index[i], j]
-        events[i, TIME] -= delays[int(events[i, KIND])]
-        for j in range(ROW_WIDTH, L.EVENT_ID):
-            events[i, j] = np.nan
-        events[i, L.EVENT_ID] = numbers[i]
+        place_event(rows[index[i]], numbers[i], delays, events[i])
+
+
+@kernel
+def choose_events(rows, wanted, delays, number, events):
+    """Fill events (n, EVENT_WIDTH), as of `place_event`, with the rows (n, ROW_WIDTH) that are wanted (kinds, sources) and have a time.
+
+    number: of the first. Returns how many they are, and how many of them are fixes.
+    """
+    count = fixes = 0
+    for i in range(rows.shape[0]):
+        kind = int(rows[i, KIND])
+        if wanted[kind, int(rows[i, SOURCE])] and math.isfinite(rows[i, TIME]):
+            place_event(rows[i], number + count, delays, events[count])
+            count += 1
+            fixes += kind == GNSS_KIND
+    return count, fixes
 
 
 @kernel
@@ -110,7 +154,7 @@ def is_full(count, poses, out):
     return count >= poses.shape[0] or counts[0] + ROOM > out[0].shape[0] or counts[1] + ROOM > out[1].shape[0]
 
 
-@long_kernel
+@kernel
 def run_batch(s, events, first, slot, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.
 
@@ -161,68 +205,72 @@ def copy_state(a, b):
             b[i] = 0.0
 
 
-def snapshots_of(capacity: int) -> int:
-    """How many snapshots a history of so many events keeps."""
-    return RECENT + capacity // (STRIDE * KEPT) + 2
+@kernel
+def snapshot_of(k, cursor):
+    """Where a snapshot before event k of the history stands, a multiple of FINE."""
+    if k % COARSE == 0:
+        return 2 * RING + k // COARSE
+    number = cursor[DROPPED] + k
+    return RING + number // MIDDLE % RING if k % MIDDLE == 0 else number // FINE % RING
 
 
 @kernel
-def snapshot_at(k, cursor):
-    """Where the snapshot before the event k * STRIDE of the history stands."""
-    return RECENT + k // KEPT if k % KEPT == 0 else (k + cursor[DROPPED]) % RECENT
+def has_snapshot(k, cursor):
+    """Whether there still is one before event k, all before which has been folded."""
+    return k % COARSE == 0 or cursor[TAKEN + snapshot_of(k, cursor)] == cursor[DROPPED] + k
 
 
 @kernel
-def last_snapshot(place, cursor):
-    """The last snapshot that is kept from before a place in the history, all of which has been folded."""
-    k = place // STRIDE
-    newest = (cursor[FOLDED] - 1) // STRIDE
-    return k if newest - k < RECENT else k // KEPT * KEPT
+def forget_old(events, snapshots, cursor, marks, window):
+    """Drop what no event can be put before any more, in whole COARSE; of a full history the older half if need be.
 
-
-@kernel
-def make_room(events, snapshots, cursor, marks, window):
-    """Make room in a full history: more than half of it goes, if that is older than the window; else it gets larger.
-
-    It grows up to events (n, EVENT_WIDTH), n at least LEAST_CAPACITY, most of which a vehicle that sends little never touches; then its
-    older half goes in any case.
+    What is kept is small and written over again and again, so it stays in the cache.
     """
-    whole = STRIDE * KEPT
-    count = cursor[EVENTS]
-    drop = 0
-    while drop < count and events[drop, TIME] < marks[NEWEST] - window:
-        drop += 1
-    drop = drop // whole * whole
-    if 2 * drop <= count:
-        if cursor[CAPACITY] < events.shape[0]:
-            cursor[CAPACITY] = min(max(LEAST_CAPACITY, 2 * cursor[CAPACITY]), events.shape[0])
-            return
-        drop = count // 2 // whole * whole
-    marks[FORGOTTEN] = events[drop - 1, TIME]
-    for k in range(count - drop):
-        copy(events[k], events[k + drop])
-    for k in range(RECENT, RECENT + (cursor[FOLDED] - drop) // whole + 1):
-        copy_state(snapshots[k + drop // whole], snapshots[k])
-    cursor[EVENTS] -= drop
-    cursor[FOLDED] -= drop
-    cursor[DROPPED] = (cursor[DROPPED] + drop // STRIDE) % RECENT
+    count, drop = cursor[EVENTS], 0
+    while drop + COARSE < count and events[drop + COARSE - 1, TIME] < marks[NEWEST] - window:
+        drop += COARSE
+    if count >= events.shape[0]:
+        drop = max(drop, count // 2 // COARSE * COARSE)
+    if drop > 0:
+        marks[FORGOTTEN] = events[drop - 1, TIME]
+        for k in range(count - drop):
+            copy(events[k], events[k + drop])
+        for k in range(0, cursor[FOLDED] - drop + 1, COARSE):
+            copy_state(snapshots[snapshot_of(k + drop, cursor)], snapshots[snapshot_of(k, cursor)])
+        cursor[EVENTS] -= drop
+        cursor[FOLDED] -= drop
+        cursor[DROPPED] += drop
+    cursor[LOOK] = min(events.shape[0], cursor[EVENTS] + max(FEWEST, cursor[EVENTS] // 2))
 
 
 @kernel
 def fold_to_end(s, events, snapshots, cursor, c, out):
-    """Fold what has not been folded; keep a snapshot before every STRIDE-th event."""
+    """Fold what has not been folded; keep a snapshot before every FINE-th event."""
     for k in range(cursor[FOLDED], cursor[EVENTS]):
-        if k % STRIDE == 0:
-            copy_state(s, snapshots[snapshot_at(k // STRIDE, cursor)])
+        if k % FINE == 0:
+            place = snapshot_of(k, cursor)
+            copy_state(s, snapshots[place])
+            if k % COARSE != 0:
+                cursor[TAKEN + place] = cursor[DROPPED] + k
         fold(s, events[k], c, out)
     cursor[FOLDED] = cursor[EVENTS]
+
+
+@kernel
+def go_back(s, snapshots, cursor, place):
+    """Make the state that of the last snapshot before an event."""
+    k = place // FINE * FINE
+    while not has_snapshot(k, cursor):
+        k -= FINE
+    copy_state(snapshots[snapshot_of(k, cursor)], s)
+    cursor[FOLDED] = k
 
 
 @kernel
 def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out):
     """Take events in the order of arrival, from index `first` on; each goes to its place and what follows is folded again.
 
-    events (n, EVENT_WIDTH) and snapshots (snapshots_of(n), STATE_SIZE) hold the history; cursor and marks go with them.
+    events, snapshots, cursor and marks: of `history`.
     Writes a pose row for each newest IMU sample of a new output interval. An event older than the newest by more than
     the window, or than what is left of the history, is counted and dropped. Returns the index to go on from and the
     number of pose rows (stops where a buffer might overflow).
@@ -240,14 +288,12 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
         newer = not e[TIME] <= marks[NEWEST_IMU]
         makes_pose = newer and is_lone_fix(e, marks[NEWEST_IMU], c)
         marks[NEWEST] = max(marks[NEWEST], e[TIME])
-        if cursor[EVENTS] >= cursor[CAPACITY]:
-            make_room(events, snapshots, cursor, marks, window)
+        if cursor[EVENTS] >= cursor[LOOK]:
+            forget_old(events, snapshots, cursor, marks, window)
         place = insert(events, cursor[EVENTS], e)
         cursor[EVENTS] += 1
         if place < cursor[FOLDED]:
-            k = last_snapshot(place, cursor)
-            copy_state(snapshots[snapshot_at(k, cursor)], s)
-            cursor[FOLDED] = k * STRIDE
+            go_back(s, snapshots, cursor, place)
         fold_to_end(s, events, snapshots, cursor, c, out)
         if newer and is_sample_in_use(s, e):
             marks[NEWEST_IMU] = e[TIME]

@@ -9,7 +9,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from mavkf.estimate import Innovation, Record
-from mavkf.publish.records import ENCODINGS, Encoding, check_choice, check_name, encode, finite, key_of
+from mavkf.publish.records import ENCODERS, ENCODINGS, Encoding, check_choice, check_name, finite, name_of
 
 Congestion = Literal["drop", "block"]
 
@@ -50,13 +50,13 @@ class Publisher:
         check_choice("encoding", encoding, Encoding)
         check_choice("congestion", congestion, Congestion)
         self._session = session
-        self._encoding: Encoding = encoding
+        self._encoding, self._encode = ENCODINGS[encoding], ENCODERS[encoding]
         self._control = _CONTROL[congestion]
         self._root = f"mavkf/{vehicle}/"
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._latest: dict[str, tuple[bytes, zenoh.Timestamp]] = {}
-        for what in ("pose", "status", "event"):
-            self._declare(self._root + what)
+        for name in ("pose", "status", "event"):
+            self._declare(name)
         # Not in a Python thread: the interpreter would wait for it at its end if nobody closes this.
         # Answers before the token, so that whoever sees the vehicle alive can ask for its latest values.
         self._queryable = session.declare_queryable(self._root + "**", Callback(self._answer, indirect=False))
@@ -70,22 +70,22 @@ class Publisher:
             UsageError: its sensor's name cannot be part of a key.
 
         """
-        key = key_of(record)
-        publisher = self._publishers.get(key)
+        name = name_of(record)
+        if record.vehicle != self.vehicle:
+            raise ValueError(f"a record of vehicle {record.vehicle} given to the publisher of {self.vehicle}")
+        publisher = self._publishers.get(name)
         if publisher is None:  # only innovations are left to their first record
-            if record.vehicle != self.vehicle:
-                raise ValueError(f"a record of vehicle {record.vehicle} given to the publisher of {self.vehicle}")
             if isinstance(record, Innovation):
                 check_name(record.sensor, role="sensor")
-            publisher = self._declare(key)
+            publisher = self._declare(name)
         clean = finite(record)
         if clean is not record:
             self.counts["not_finite"] += 1
-        payload = encode(clean, self._encoding)
+        payload = self._encode(clean)
         timestamp = self._session.new_timestamp()
         publisher.put(payload, timestamp=timestamp)
-        self._latest[key] = (payload, timestamp)  # after the put: an answer must not overtake it
-        self.counts[key[len(self._root) :]] += 1
+        self._latest[name] = (payload, timestamp)  # after the put: an answer must not overtake it
+        self.counts[name] += 1
 
     def wait_for_subscriber(self, timeout_s: float | None = None) -> bool:
         """Wait until somebody subscribes to the pose; False when `timeout_s` passed before. No polling."""
@@ -95,7 +95,7 @@ class Publisher:
             if status.matching:
                 found.set()
 
-        pose = self._publishers[self._root + "pose"]
+        pose = self._publishers["pose"]
         with pose.declare_matching_listener(Callback(note, indirect=False)):
             status: zenoh.MatchingStatus = pose.matching_status  # type: ignore[assignment]  # the stub says bool
             return status.matching or found.wait(timeout_s)
@@ -116,16 +116,17 @@ class Publisher:
     ) -> None:
         self.close()
 
-    def _declare(self, key: str) -> zenoh.Publisher:
+    def _declare(self, name: str) -> zenoh.Publisher:
         publisher = self._session.declare_publisher(
-            key, encoding=ENCODINGS[self._encoding], congestion_control=self._control
+            self._root + name, encoding=self._encoding, congestion_control=self._control
         )
-        self._publishers[key] = publisher
+        self._publishers[name] = publisher
         return publisher
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the latest of each key that matches; called in a thread of zenoh's."""
         with query:
-            for key, (payload, timestamp) in list(self._latest.items()):
+            for name, (payload, timestamp) in list(self._latest.items()):
+                key = self._root + name
                 if query.key_expr.intersects(key):
-                    query.reply(key, payload, encoding=ENCODINGS[self._encoding], timestamp=timestamp)
+                    query.reply(key, payload, encoding=self._encoding, timestamp=timestamp)

@@ -5,7 +5,7 @@ token is `.../alive`.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from math import isfinite
 from typing import Any, Literal, TypeVar, get_args
 
@@ -32,7 +32,12 @@ TYPES: dict[str, type[Record]] = {
 
 _WHAT: dict[type, str] = {kind: what for what, kind in TYPES.items()}
 _ELEMENTWISE = {"euler_deg", "pose_covariance", "r", "S"}  # null stands for one element, elsewhere for the vector
-_ENCODERS = {"json": msgspec.json.Encoder().encode, "msgpack": msgspec.msgpack.Encoder().encode}
+ENCODERS: dict[str, Callable[[Record], bytes]] = {
+    "json": msgspec.json.Encoder().encode,
+    "msgpack": msgspec.msgpack.Encoder().encode,
+}
+"""Turn a record that is `finite` into bytes."""
+
 _JSON = {what: msgspec.json.Decoder(kind) for what, kind in TYPES.items()}
 _MSGPACK = {what: msgspec.msgpack.Decoder(kind) for what, kind in TYPES.items()}
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -52,15 +57,19 @@ def check_choice(name: str, value: str, choices: Any) -> str:
     return value
 
 
+def name_of(record: Record) -> str:
+    """Give what follows the vehicle in the key that a record is published on."""
+    return f"innovation/{record.sensor}" if isinstance(record, Innovation) else _WHAT[type(record)]
+
+
 def key_of(record: Record) -> str:
     """Give the key that a record is published on."""
-    what = _WHAT[type(record)]
-    return f"mavkf/{record.vehicle}/{what}" + (f"/{record.sensor}" if isinstance(record, Innovation) else "")
+    return f"mavkf/{record.vehicle}/{name_of(record)}"
 
 
 def encode(record: Record, encoding: Encoding = "json") -> bytes:
     """Turn a record into bytes; what is not finite becomes null first."""
-    return _ENCODERS[encoding](finite(record))
+    return ENCODERS[encoding](finite(record))
 
 
 def decode(what: str, payload: bytes) -> Record:
@@ -106,23 +115,22 @@ def finite(record: R) -> R:
 
 
 def _all_finite(values: Iterable[Any]) -> bool:
-    for value in values:  # in every published record, so one flat loop
+    total = 0.0  # an element that is not finite makes the sum so: in every published record, so one flat loop
+    for value in values:
         kind = type(value)
         if kind is float:
-            if not isfinite(value):
-                return False
+            total += value
         elif kind is tuple or kind is list:
             try:
-                good = isfinite(sum(value))  # an element that is not finite makes the sum so
+                total += sum(value)
             except TypeError:  # holds None, or names
-                good = _all_finite(value)
-            if not good:
-                return False
+                if not _all_finite(value):
+                    return False
         elif (kind is dict and not _all_finite(value.values())) or (
             kind is Origin and not _all_finite(msgspec.structs.astuple(value))
         ):
             return False
-    return True
+    return isfinite(total)
 
 
 def _cleaned(value: Any, *, elementwise: bool) -> Any:

@@ -19,6 +19,7 @@ from mavkf.config import Config
 from mavkf.errors import MavkfError
 from mavkf.estimate import Event, Record, Status
 from mavkf.link.decode import Address, DecodeCounts, decode
+from mavkf.link.layouts import message_ids
 from mavkf.publish.publisher import Congestion, Publisher
 from mavkf.publish.records import Encoding
 from mavkf.samples import Source
@@ -28,6 +29,7 @@ from mavkf.service.vehicle import Step, VehicleStream
 MOST = 250
 """Senders that are followed; the memory of each is bounded, so that of all is."""
 STALE_S, GONE_S, FORGET_S = 3.0, 30.0, 600.0
+HEARTBEAT = message_ids()["HEARTBEAT"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +125,11 @@ class Fleet:
 
     def take(self, data: NDArray[np.uint8], frames: NDArray[np.void]) -> None:
         """Take frames in the order of arrival, and publish what comes of them."""
+        beating = set(frames[["system", "component"]][frames["message"] == HEARTBEAT].tolist())
         for address, rows in decode(data, frames, self.refused).items():
-            if address in self._ignored or not self._flies(address, rows):
+            if address in beating and not (address in self._autopilots or address in self._ignored):
+                self._listen(address, rows)
+            if address in self._ignored or address in self._others:
                 continue
             if address in self.vehicles or self._has_room():
                 self._hear(self._vehicle(address), len(rows))
@@ -168,16 +173,15 @@ class Fleet:
                 vehicle.publisher.close()
                 vehicle.publisher = None
 
-    def _flies(self, address: Address, rows: NDArray[np.float64]) -> bool:
-        """Whether a sender is a vehicle, by the heartbeats that it has sent."""
+    def _listen(self, address: Address, rows: NDArray[np.float64]) -> None:
+        """Tell by the heartbeats among its rows whether a sender is a vehicle; one that is known to be stays one."""
         said = is_vehicle(rows)
         if said:
             self._autopilots.add(address)
             self._others.discard(address)
-        elif said is False and address not in self._autopilots:
+        elif said is False:
             self._others.add(address)
             self._drop(address)
-        return address not in self._others
 
     def _hear(self, vehicle: Vehicle, rows: int) -> None:
         now = self._now()

@@ -5,6 +5,7 @@ reaches an estimate but the arrival stamps, so a recording holds all that decide
 bit (`utc_ns` aside), what `replay --as-live` computes from the recording that was made meanwhile.
 """
 
+import gc
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -48,6 +49,7 @@ class Records:
 SLICE = 512  # frames of a log between two looks at whether to stop
 PATIENCE_S = 5.0
 LAST_CHUNKS_S = 0.3
+CARE_S = 0.05  # between two looks at who has fallen silent and what there is to say
 
 
 def serve_links(
@@ -92,16 +94,20 @@ def serve_links(
         control = Control(session, fleet, say) if options.control else None
         if control is not None:
             ends.callback(control.close)
+        ends.callback(gc.unfreeze)
+        gc.freeze()  # modules and machine code stay: to look at them again and again would hold up what comes
         begin = time.monotonic()
-        told = False
+        due, told = begin, False
         while not stopped():
             if control is not None:
                 control.work()
             have_ended = all(link.has_ended for link in links)
             batch = inbox.get(POLL_S)
             worker.take(batch, inbox.lag_us)
-            worker.speak()
-            fleet.look_after()
+            if (now := time.monotonic()) >= due:  # not with each datagram: it is work for every vehicle
+                due = now + CARE_S
+                worker.speak()
+                fleet.look_after()
             if not batch:
                 worker.flush()
                 if have_ended:

@@ -1,11 +1,11 @@
 """One vehicle from decoded rows to records: clock, sessions, estimator, status. Live and `replay --as-live` run exactly this.
 
-What comes out depends on the rows and their order alone, not on how they are cut into calls: rows are taken up to each full second of
-the boot clock, where a status is due.
+What comes out depends on the rows and their order alone, not on how they are cut into calls: rows are taken up to where something is due
+once a second of the boot clock. When in the second a status is due follows from the arrival of the session's first row, lest those of a
+fleet that was switched on together all come at once.
 """
 
 import math
-from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,17 +18,22 @@ from mavkf.diagnostics.covariance import judge_condition
 from mavkf.estimate import Consistency, Event, Pose, Record, Status
 from mavkf.link.clocks import VehicleClock
 from mavkf.navigation import layout as L
+from mavkf.navigation.counting import BEFORE, NEWEST, SECOND, STATUS, Counts, count_innovations, take_part
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts
 from mavkf.navigation.pose import pose_row
 from mavkf.navigation.records import MODES, SENSOR_NAMES, RecordWriter, flag_names, model_name, validity
 from mavkf.navigation.stated import late_words
-from mavkf.samples import KIND, SESSION, TIME, UNIX_US, Kind, Source
+from mavkf.samples import ARRIVAL, KIND, SESSION, TIME, UNIX_US, Kind, Source
 from mavkf.service.consistency import RecentInnovations
 from mavkf.service.utc import UtcClock
 
 Array = NDArray[np.float64]
 LINK_GAP_S = 3.0
 KINDS = {Kind.IMU: "imu", Kind.GNSS: "gnss", Kind.MAGNETOMETER: "magnetometer", Kind.BAROMETER: "barometer"}
+SYSTEM_TIME = int(Kind.SYSTEM_TIME)
+SPREAD = 2_654_435_769
+"""2^32 over the golden ratio (Knuth, "The Art of Computer Programming", 3, 6.4): vehicles heard one after another are spread evenly."""
+EVERYTHING = (-math.inf, math.inf)
 
 
 class Step(msgspec.Struct):
@@ -51,7 +56,7 @@ class VehicleStream:
         rate_hz: float = 50.0,
         imu: Source | None = None,
         model: str | None = None,
-        span: tuple[float, float] = (-math.inf, math.inf),
+        span: tuple[float, float] = EVERYTHING,
         first_session: int = 0,
         lag_s: float = 0.0,
     ) -> None:
@@ -65,18 +70,18 @@ class VehicleStream:
         self.writer = RecordWriter(vehicle)
         self.session = -1
         self.estimator: SessionEstimator | None = None
-        self._newest = -math.inf
         self._known = False  # it was a vehicle in a session before
+        self._phase = 0.0  # s after each full second at which a status is due
         self._begin(-1)
 
     def _begin(self, session: int) -> None:
         self.session = session
         self.utc = UtcClock()
         self.writer.utc = self.utc
-        self.counts: Counter[str] = Counter()
-        self._last: dict[int, float] = {}
+        self._tally = Counts()
+        self._poses: int | None = None  # nothing has come of the estimator yet
         self._status_time = math.nan
-        self._status_counts: Counter[str] = Counter()
+        self._status_counts: dict[str, int] = {}
         self._recent = RecentInnovations()
         self._late_told = False
         if session >= 0:
@@ -107,37 +112,45 @@ class VehicleStream:
     def _smoothed(self, now: float) -> Array | None:
         return self.estimator.smoothed(now) if self._lag > 0.0 and self.estimator is not None else None
 
+    @property
+    def _newest(self) -> float:
+        """The newest boot time of the session, s; -inf: none."""
+        return float(self._tally.times[NEWEST])
+
     def _timed(self, rows: Array) -> Iterator[Step]:
-        rows[:, SESSION] += self.first_session
+        if self.first_session:
+            rows[:, SESSION] += self.first_session
         i = 0
         while i < rows.shape[0]:
             session = int(rows[i, SESSION])
             if session != self.session:
-                yield from self._change_session(session, float(rows[i, TIME]))
-            # up to the end of the session, or to the row with which the newest time enters another second
-            newest = np.maximum.accumulate(np.maximum(rows[i:, TIME], self._newest))
-            begun = math.floor(self._newest) if math.isfinite(self._newest) else math.floor(newest[0])
-            ends = (rows[i:, SESSION] != session) | (np.floor(newest) > begun)
-            stop = int(np.argmax(ends)) if ends.any() else rows.shape[0] - i
-            due = stop < rows.shape[0] - i and rows[i + stop, SESSION] == session
-            stop += due
-            part = rows[i : i + stop]
-            before = float(newest[stop - 2]) if stop > 1 else self._newest
-            self._newest = float(newest[stop - 1]) if stop else self._newest
-            i += stop
-            yield from self._run(part)
+                yield from self._change_session(session, float(rows[i, TIME]), float(rows[i, ARRIVAL]))
+            tally, first = self._tally, i
+            reports = tally.kinds[SYSTEM_TIME]
+            i, due = take_part(rows, i, self._phase, tally.times, tally.kinds, tally.newest)
+            part = rows[first:i]
+            if tally.kinds[SYSTEM_TIME] != reports:
+                for row in part[part[:, KIND] == SYSTEM_TIME]:
+                    self.utc.update(float(row[TIME]), float(row[UNIX_US]))
+            assert self.estimator is not None
+            for output in self.estimator.push(part):
+                yield self._step(output)
             if due and self.is_vehicle:
-                status = self._status()
-                gap = self._newest - before  # so large a step always enters another second
+                before, newest = map(float, tally.times[[BEFORE, NEWEST]])
+                status = self._status() if due & STATUS else None
+                gap = newest - before  # so large a step always enters another second
                 event = self._gap(before, gap) if gap > LINK_GAP_S else self._late_parameters()
-                yield Step(session, _nothing(), status, event, self._smoothed(self._newest))
+                smoothed = self._smoothed(newest) if due & SECOND else None
+                if status is not None or event is not None or smoothed is not None:
+                    yield Step(session, _nothing(), status, event, smoothed)
 
-    def _change_session(self, session: int, t: float) -> Iterator[Step]:
+    def _change_session(self, session: int, t: float, arrival: float) -> Iterator[Step]:
+        """Begin a session; t, arrival: boot time (s) of its first row, and when that arrived (microseconds UTC)."""
         before = self._newest
         self._known |= self.is_vehicle
         yield from self._end_session()
         self._begin(session)
-        self._newest = -math.inf
+        self._phase = int(arrival) * SPREAD % 2**32 / 2**32 if math.isfinite(arrival) else 0.0
         if self._known:
             event = Event(
                 **self.writer.head("event", session, t),
@@ -174,28 +187,23 @@ class VehicleStream:
             text=text,
         )
 
-    def _run(self, rows: Array) -> Iterator[Step]:
-        assert self.estimator is not None
-        for kind, name in KINDS.items():
-            times = rows[rows[:, KIND] == kind, TIME]
-            if times.size:
-                self.counts[name] += times.size
-                self._last[kind] = max(self._last.get(kind, -math.inf), float(times.max()))
-        for row in rows[rows[:, KIND] == Kind.SYSTEM_TIME]:
-            self.utc.update(float(row[TIME]), float(row[UNIX_US]))
-        for output in self.estimator.push(rows):
-            yield self._step(output)
-
     def _step(self, output: Output) -> Step:
-        self.counts["poses"] += output.poses.shape[0]
-        self._recent.take(output.innovations)
-        for sensor, name in enumerate(SENSOR_NAMES):
-            mine = output.innovations[output.innovations[:, L.I_SENSOR] == sensor]
-            if mine.shape[0]:
-                fused = int(np.sum(mine[:, L.I_FUSED]))
-                self.counts[name + "_fused"] += fused
-                self.counts[name + "_refused"] += mine.shape[0] - fused
+        self._poses = (self._poses or 0) + len(output.poses)
+        if len(output.innovations):
+            self._recent.take(output.innovations)
+            count_innovations(output.innovations, self._tally.sensors)
         return Step(self.session, output)
+
+    def _counts(self) -> dict[str, int]:
+        """What came and went in this session, by name; what never came has none."""
+        kinds, sensors = self._tally.kinds.tolist(), self._tally.sensors.tolist()
+        counts = {name: kinds[kind] for kind, name in KINDS.items() if kinds[kind]}
+        if self._poses is not None:
+            counts["poses"] = self._poses
+        for name, (fused, refused) in zip(SENSOR_NAMES, sensors, strict=True):
+            if fused or refused:
+                counts |= {name + "_fused": fused, name + "_refused": refused}
+        return counts
 
     def _status(self) -> Status:
         assert self.estimator is not None
@@ -204,23 +212,23 @@ class VehicleStream:
             pose_row(self.estimator.state, self.estimator.parameters, row)
         else:
             row[L.R_LATITUDE] = math.nan
-        elapsed = self._newest - self._status_time
+        now, counts = self._newest, self._counts()
+        elapsed = now - self._status_time
         rates = {
-            name: (self.counts[name] - self._status_counts[name]) / elapsed if elapsed > 0.0 else None
+            name: (counts.get(name, 0) - self._status_counts.get(name, 0)) / elapsed if elapsed > 0.0 else None
             for name in [*KINDS.values(), "poses"]
         }
-        self._status_time, self._status_counts = self._newest, self.counts.copy()
+        last = self._tally.newest.tolist()
+        self._status_time, self._status_counts = now, counts
         return Status(
-            **self.writer.head("status", self.session, self._newest),
+            **self.writer.head("status", self.session, now),
             mode=MODES[int(row[L.R_MODE])],
             flags=flag_names(row[L.R_FLAGS]),
             valid=validity(row[L.R_VALID]),
             model=model_name(row),
             rates_hz=rates,
-            counts=dict(self.counts) | state_counts(self.estimator),
-            age_s={
-                name: self._newest - self._last[kind] if kind in self._last else None for kind, name in KINDS.items()
-            },
+            counts=counts | state_counts(self.estimator),
+            age_s={name: now - last[kind] if math.isfinite(last[kind]) else None for kind, name in KINDS.items()},
             innovations=self._consistency(row),
             **self._covariance(),
         )
@@ -286,7 +294,7 @@ def state_counts(estimator: SessionEstimator) -> dict[str, int]:
 
 def within(rows: Array, span: tuple[float, float]) -> Array:
     """The rows whose TIME lies in a span (s), ends included."""
-    if span == (-math.inf, math.inf):
+    if span == EVERYTHING:
         return rows
     return rows[(rows[:, TIME] >= span[0]) & (rows[:, TIME] <= span[1])]
 

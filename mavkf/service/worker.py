@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -47,26 +48,30 @@ class Worker:
                 "too slow for what arrives: innovations and all poses but the newest are not published, until it has caught up"
             )
         pieces, found, base = [], [], 0
-        for chunk in batch:
-            data, frames = self.streams[chunk.link].push(chunk.data, chunk.arrival_us, last=chunk.last)
-            if chunk.last and not chunk.data:
-                self._talks[chunk.link].cut()
+        for (link, is_end), chunks in groupby(batch, _stretch):
+            data, frames = self.streams[link].push_all([(one.data, one.arrival_us, one.last) for one in chunks])
+            if is_end:
+                self._talks[link].cut()
             frames = self._belief.signed(data, frames)
             if not len(frames):
                 continue
             if self._recorders:
-                self._recorders[chunk.link].write(data, frames)
+                self._recorders[link].write(data, frames)
             frames = self._belief.allowed(frames)
-            self._talks[chunk.link].hear(data, frames, time.monotonic())
+            self._talks[link].hear(data, frames, time.monotonic())
             if len(self._links) > 1:
-                frames = self.duplicates.dropped(data, frames, chunk.link)
+                frames = self.duplicates.dropped(data, frames, link)
             frames["offset"] += base
             base += data.size
             pieces.append(data)
             found.append(frames)
         if found:
-            frames = np.concatenate([one.view(_PLAIN) for one in found]).view(FRAME)
-            self._fleet.take(np.concatenate(pieces), frames)
+            if len(found) > 1:
+                pieces, found = (
+                    [np.concatenate(pieces)],
+                    [np.concatenate([one.view(_PLAIN) for one in found]).view(FRAME)],
+                )
+            self._fleet.take(pieces[0], found[0])
 
     def speak(self) -> None:
         """Send over each link what there is to say."""
@@ -102,3 +107,8 @@ class Worker:
             say(
                 f"{left_out['pose']} poses and {left_out['innovation']} innovations were not published: there was no time"
             )
+
+
+def _stretch(chunk: Chunk) -> tuple[int, bool]:
+    """What chunks that are taken at once have in common: their link, and whether they are its end."""
+    return chunk.link, chunk.last and not chunk.data

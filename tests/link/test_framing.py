@@ -222,6 +222,32 @@ def test_a_stream_gives_the_same_frames_however_it_is_cut(harm: list[tuple[str, 
     assert bytes_of(stream.counts) == len(raw)
 
 
+@given(damage, st.lists(st.tuples(st.integers(0, 90), st.booleans()), min_size=1, max_size=60))
+def test_chunks_taken_at_once_give_what_they_give_one_by_one(
+    harm: list[tuple[str, int, bytes]], cuts: list[tuple[int, bool]]
+) -> None:
+    raw, at, chunks = damaged(b"".join(ATTITUDES), harm), 0, []
+    for k, (size, last) in enumerate(cuts):
+        chunks.append((raw[at : at + size], 1000 + k, last))
+        at += size
+    one, all_at_once = FrameStream(), FrameStream()
+    wanted = []
+    for chunk, arrival, last in chunks:
+        data, frames = one.push(chunk, arrival, last=last)
+        wanted += [(int(f["stamp"]), frame_bytes(data, f)) for f in frames]
+    half = len(chunks) // 2
+    found = []
+    for some in (chunks[:half], chunks[half:]):
+        data, frames = all_at_once.push_all(some)
+        found += [(int(f["stamp"]), frame_bytes(data, f)) for f in frames]
+    assert found == wanted
+    assert (all_at_once.counts, all_at_once._pending) == (one.counts, one._pending)
+
+
+def frame_bytes(data: np.ndarray, frame: np.void) -> bytes:
+    return bytes(data[frame["offset"] - 10 : frame["offset"] - 10 + frame["size"]].tobytes())
+
+
 def test_a_stream_keeps_an_unfinished_frame_and_no_more() -> None:
     stream = FrameStream()
     for _ in range(100):

@@ -8,7 +8,7 @@ from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS, NoteCode, Sensor
 from mavkf.navigation.estimator import BUFFER
-from mavkf.navigation.events import to_events
+from mavkf.navigation.events import Arrivals
 from mavkf.navigation.offline import Offline, run_offline
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.timeline import order, precedes
@@ -36,12 +36,12 @@ def shuffled(rows: Array, seed: int, lateness: float, start: float = -np.inf) ->
 
 
 def measured_order(rows: Array, batch: Offline) -> Array:
-    return rows[np.argsort(to_events(rows, batch.setup, 0)[:, TIME], kind="stable")]
+    return rows[np.argsort(Arrivals(batch.setup).events(rows)[:, TIME], kind="stable")]
 
 
 def test_order_of_arrival_is_not_that_of_measurement(rows: Array, batch: Offline) -> None:
     # otherwise what follows would show nothing
-    t = to_events(rows, batch.setup, 0)[:, TIME]
+    t = Arrivals(batch.setup).events(rows)[:, TIME]
     assert np.sum(np.diff(t) < 0.0) > 100
     assert np.max(np.maximum.accumulate(t) - t) > 0.4
 
@@ -165,7 +165,7 @@ def test_every_measurement_leaves_one_record_however_often_it_is_folded(rows: Ar
     expected = batch.output.innovations[:, columns]
     expected = np.unique(expected[expected[:, 1] != Sensor.GRAVITY], axis=0)
     # every fix after the start-up, every barometer and magnetometer value
-    events = to_events(rows, batch.setup, 0)
+    events = Arrivals(batch.setup).events(rows)
     start = batch.output.notes[batch.output.notes[:, L.NOTE_CODE] == NoteCode.POSITION_FOUND, L.NOTE_END][0]
     last = events[events[:, KIND] == Kind.IMU, TIME].max()
     fixes = np.sort(events[(events[:, KIND] == Kind.GNSS) & (events[:, TIME] > start), TIME])
@@ -198,12 +198,9 @@ def test_older_than_the_window_is_counted_and_dropped(rows: Array) -> None:
 
 def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Array]:
     """State and cursor of a live run whose history holds `capacity` events."""
-    state, cursor = np.empty(L.STATE_SIZE), np.zeros(timeline.CURSOR_SIZE, dtype=np.int64)
+    state, poses = np.empty(L.STATE_SIZE), np.empty((BUFFER, L.POSE_WIDTH))
     begin(state, c)
-    cursor[timeline.LAST_SLOT] = -1
-    history = np.empty((capacity, L.EVENT_WIDTH))
-    snapshots = np.empty((timeline.snapshots_of(capacity), L.STATE_SIZE))
-    marks, poses = np.full(timeline.MARKS_SIZE, -np.inf), np.empty((BUFFER, L.POSE_WIDTH))
+    history, snapshots, cursor, marks = timeline.history(capacity)
     out = L.buffers(BUFFER, BUFFER, 4 * capacity)
     i = 0
     while i < events.shape[0]:
@@ -213,31 +210,33 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
     return state, cursor
 
 
-def test_a_history_is_as_large_as_its_window_needs(rows: Array) -> None:
-    rate = rows.shape[0] / (rows[-1, TIME] - rows[0, TIME])
-    needed = CONFIG.timeline.window_s * rate
-    capacities = []
-    for count in (900, 1000, rows.shape[0]):
-        cursor = run(rows[:count])[0]._cursor
-        capacities.append(int(cursor[timeline.CAPACITY]))
-    assert capacities[0] <= capacities[1] <= capacities[2]
-    assert needed < capacities[2] <= 4.0 * needed
-    # what is not in use takes no memory: it was never written
+def test_a_history_takes_the_memory_that_its_window_needs(rows: Array) -> None:
     estimator, _ = run(rows)
+    needed = CONFIG.timeline.window_s * rows.shape[0] / (rows[-1, TIME] - rows[0, TIME])
+    most = 1.5 * (needed + timeline.COARSE) + timeline.FEWEST
+    # what is not in use takes no memory: it was never written
+    assert needed < np.flatnonzero(estimator._events.any(axis=1)).max() + 1 <= most
     written = np.flatnonzero(estimator._snapshots[:, : L.HALF].any(axis=1)).max() + 1
-    assert written <= timeline.snapshots_of(capacities[2])
-    assert not estimator._events[capacities[2] :].any()
+    assert 2 * timeline.RING < written <= 2 * timeline.RING + most / timeline.COARSE + 1
 
 
 def test_a_full_history_forgets_its_older_half_and_nothing_else(rows: Array, batch: Offline) -> None:
     # 256 of 512 events stay after a cut, two seconds: more than the lateness
     late = shuffled(rows, 3, 0.8, start=rows[0, TIME] + SETUP + 1.0)
-    state, _ = run_with_history(to_events(late, batch.setup, 0), batch.parameters, 512)
+    state, _ = run_with_history(Arrivals(batch.setup).events(late), batch.parameters, 512)
     assert differences(state, batch.state) == []
 
 
+def test_of_a_long_flight_little_more_than_the_window_is_kept(rows: Array) -> None:
+    estimator, _ = run(rows)
+    t = estimator._events[: estimator._cursor[timeline.EVENTS], TIME]
+    inside = int(np.count_nonzero(t >= t[-1] - CONFIG.timeline.window_s))
+    assert inside < len(t) < len(rows) // 4
+    assert len(t) <= (inside + timeline.COARSE) * 1.5 + timeline.FEWEST
+
+
 def test_older_than_the_history_is_counted_and_dropped(rows: Array, batch: Offline) -> None:
-    events = to_events(rows, batch.setup, 0)
+    events = Arrivals(batch.setup).events(rows)
     held = int(np.flatnonzero((events[:, KIND] == Kind.GNSS) & (events[:, TIME] > 120.0))[0])
     # 2.9 s later, when at most 2 s of the history are left
     place = int(np.flatnonzero(np.maximum.accumulate(events[:, TIME]) > events[held, TIME] + 2.9)[0])
@@ -285,7 +284,7 @@ def test_a_batch_in_pieces_writes_the_same_poses(rows: Array) -> None:
     # an IMU that comes and goes: measurements move the state on between its samples, over the edges of output intervals
     part = rows[~((rows[:, KIND] == Kind.IMU) & (rows[:, TIME] > 108.0) & (rows[:, TIME] % 1.5 > 0.1))]
     whole = run_offline(part, CONFIG)
-    events = in_order(to_events(part, whole.setup, 0))
+    events = in_order(Arrivals(whole.setup).events(part))
 
     def poses(room: int) -> Array:
         state, written = np.empty(L.STATE_SIZE), []

@@ -25,7 +25,7 @@ from mavkf.cli.serve import serve as serve_command
 from mavkf.errors import EndpointError, LogError, UsageError
 from mavkf.publish.session import open_session
 from mavkf.service.endpoints import KINDS, Link, network, source
-from mavkf.service.endpoints.link import Outlet
+from mavkf.service.endpoints.link import CROWD_HZ, CROWD_S, Crowd, Outlet
 from mavkf.service.endpoints.network import is_near, own_networks
 from mavkf.service.inbox import CAPACITY, Inbox
 
@@ -467,3 +467,27 @@ def test_help_names_every_kind() -> None:
     text = " ".join((serve_command.__doc__ or "").split())
     for kind in KINDS.values():
         assert f"{kind.syntax} ({kind.meaning}" in text
+
+
+@pytest.mark.parametrize(("rate_hz", "is_dense"), [(0.5 * CROWD_HZ, False), (2.0 * CROWD_HZ, True)])
+def test_only_where_very_many_come_they_gather(rate_hz: float, is_dense: bool) -> None:
+    now, slept = [10.0], []
+    crowd = Crowd(lambda: now[0], slept.append)
+    for _ in range(round(3.0 * CROWD_S * rate_hz)):
+        now[0] += 1.0 / rate_hz
+        crowd.came(1)
+    assert bool(slept) is is_dense
+    now[0] += 1.0  # silence, then one: that the crowd is over is known at once
+    slept.clear()
+    crowd.came(1)
+    assert not slept
+
+
+def test_datagrams_that_wait_are_all_given_in_their_order() -> None:
+    sent = [b"%d" % k for k in range(600)]
+    with running("udpin:127.0.0.1:0") as (_, heard), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        port = heard.port()
+        for one in sent:
+            other.sendto(one, ("127.0.0.1", port))
+        heard.wait(lambda heard: len(heard.chunks) >= len(sent))
+    assert heard.chunks == [(one, True) for one in sent]

@@ -256,7 +256,8 @@ def test_ctrl_c_before_the_set_up_publishes_what_a_replay_does(
         sender.connect(("127.0.0.1", port))
         for _, frame in flight[:180]:  # three seconds, two less than the set-up takes
             sender.send(frame)
-    reader.wait(lambda published: any(s["t_boot_s"] >= 4.0 for s in published.get("mavkf/1-1/status", [])))
+    # a status comes once a second, at any part of it
+    reader.wait(lambda published: any(s["t_boot_s"] >= 3.0 for s in published.get("mavkf/1-1/status", [])))
     assert not reader.published.get("mavkf/1-1/pose")
     assert process.interrupt() == 130
     agree(reader, one_recording(tmp_path))

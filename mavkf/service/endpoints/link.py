@@ -3,6 +3,7 @@
 import os
 import random
 import socket
+import time
 from collections.abc import Callable
 from threading import Event, Lock
 
@@ -13,6 +14,8 @@ Say = Callable[[str], None]
 POLL_S = 0.1  # how long a receiver may take to notice that it is closed
 CHUNK = 16_384
 BACK_OFF_S = (0.2, 5.0)
+CROWD_HZ, CROWD_S = 2_000.0, 0.1  # datagrams a second, looked at so often, from where on they may gather
+GATHER_S = 1e-3
 
 
 class Link:
@@ -81,6 +84,29 @@ class BackOff:
         """Wait, or until closed."""
         self._closed.wait(self._wait * random.uniform(0.5, 1.0))
         self._wait = min(2.0 * self._wait, BACK_OFF_S[1])
+
+
+class Crowd:
+    """Lets datagrams gather where very many come, so that a receiver does not wake, and take the processor from the work, for each.
+
+    What comes slowly is never held up.
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep) -> None:
+        """now: a steady clock, s; sleep: waits, s."""
+        self._now, self._sleep = now, sleep
+        self._since, self._count = now(), 0
+        self._is_dense = False
+
+    def came(self, count: int) -> None:
+        """Note that so many came at once, and wait a little where that goes on."""
+        self._count += count
+        past = self._now() - self._since
+        if past >= CROWD_S:
+            self._is_dense = self._count > CROWD_HZ * past
+            self._since, self._count = self._now(), 0
+        if self._is_dense:
+            self._sleep(GATHER_S)
 
 
 class Outlet:

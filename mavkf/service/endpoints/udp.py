@@ -4,13 +4,14 @@ import select
 import socket
 import time
 
-from mavkf.service.endpoints.link import POLL_S, BackOff, Link, Say, Take, reason
+from mavkf.service.endpoints.link import POLL_S, BackOff, Crowd, Link, Say, Take, reason
 from mavkf.service.endpoints.network import bound, is_near
 
 DATAGRAM = 65_535
 RECEIVE_BUFFER = 4 << 20  # bytes the kernel keeps for us while another program has the processor
 PAUSE_S = 0.01  # after an error, lest one that lasts takes all of the processor
 MOST_PEERS = 8
+AT_ONCE = 256  # datagrams read before they are handed on
 FORGET_S = 30.0
 
 
@@ -26,23 +27,31 @@ class UdpListener(Link):
     def open(self) -> None:
         """Bind the port. Raises EndpointError."""
         self._socket = self._untaken = bound(self.name, self._host, self._port, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         self.say(f"listens on udpin:{self._host}:{self._socket.getsockname()[1]}")
 
     def receive(self, take: Take) -> None:
         """Give every datagram to `take` until closed."""
         self._untaken = None
+        crowd = Crowd()
         with self._socket:
             while not self.closed.is_set():
                 if not select.select([self._socket], [], [], POLL_S)[0]:
                     continue
+                came: list[tuple[bytes, tuple[str, int]]] = []
                 try:
-                    data, peer = self._socket.recvfrom(DATAGRAM)
+                    while len(came) < AT_ONCE:
+                        came.append(self._socket.recvfrom(DATAGRAM))
+                except BlockingIOError:  # that was all
+                    pass
                 except OSError:  # an answer of the network to a datagram of ours, or the network is down
                     self.closed.wait(PAUSE_S)
-                    continue
-                self._note(peer)
-                take(data, True)
+                for peer in {peer for _, peer in came}:
+                    self._note(peer)
+                for data, _ in came:
+                    take(data, True)
+                crowd.came(len(came))
 
     def _note(self, peer: tuple[str, int]) -> None:
         """Remember a peer; whole dictionaries are exchanged, because another thread reads them."""
@@ -112,13 +121,21 @@ class UdpClient(Link):
         return made
 
     def _read(self, made: socket.socket, take: Take) -> None:
+        crowd = Crowd()
         while not self.closed.is_set():
             if not select.select([made], [], [], POLL_S)[0]:
                 continue
+            came: list[bytes] = []
             try:
-                take(made.recv(DATAGRAM), True)
+                while len(came) < AT_ONCE:
+                    came.append(made.recv(DATAGRAM))
+            except BlockingIOError:  # that was all
+                pass
             except OSError:  # nobody is there yet
                 self.closed.wait(PAUSE_S)
+            for data in came:
+                take(data, True)
+            crowd.came(len(came))
 
     @property
     def is_local(self) -> bool | None:
