@@ -155,6 +155,19 @@ class Consistency(Struct, frozen=True, kw_only=True):
     sentence: str | None = None
 
 
+class Linearisation(Struct, frozen=True, kw_only=True):
+    """Whether the first order, by which the filter works, is enough for a sensor or for the prediction, at the last few states.
+
+    outside: share of the innovations (or predicted errors) that fall outside the filter's region of 95 %: 0.05 where all is linear.
+    verdict: fine, marginal or broken.
+    sentence: what that means.
+    """
+
+    outside: float
+    verdict: str
+    sentence: str
+
+
 class SmoothedPose(Pose, frozen=True, kw_only=True):
     """A pose of a few seconds ago, by what has come since: mode, flags and protection levels are those of its own time."""
 
@@ -172,6 +185,7 @@ class Status(Head, frozen=True, kw_only=True):
     innovations: by sensor (names as of the keys of innovations; a second receiver has its message behind), of the last minute.
     condition: condition number of the covariance, each state in units of its sigma; 1e8 costs half of the digits; None: not a covariance.
     covariance: what that means, in one sentence.
+    linearisation: by sensor whose model is not linear, and "prediction"; judged every ten seconds.
     """
 
     mode: Mode = Mode.WAITING
@@ -185,6 +199,7 @@ class Status(Head, frozen=True, kw_only=True):
     silent_s: float | None = None
     condition: float | None = None
     covariance: str | None = None
+    linearisation: dict[str, Linearisation] = {}
 
 
 class Innovation(Head, frozen=True, kw_only=True):

@@ -7,7 +7,7 @@ for the slow errors; correlations between these parts are not in a pose row and 
 prediction's is what becomes of P without the noise of the IMU, so a slow IMU, whose noise is most of it, has no finding.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,21 +78,35 @@ def hessians(jacobian: Callable[[Array], Array], x: Array, by: tuple[int, ...]) 
 
 def _shares(session: SessionResult) -> Iterator[tuple[str, float]]:
     dt = _between_fixes(session.tally.innovations)
+    is_fast = session.state[L.PERIOD] <= L.SLOW
     for state in session.tally.states.found.values():
-        row, a = state.row, state.acceleration
-        x, P = _state(session, row)
-        rate = row[L.R_RATE : L.R_RATE + 3]
-        for sensor, jacobian in _measurements(a, rate, len(P)).items():
-            mine = state.innovations.get(sensor)
-            if mine is not None:
-                m = int(mine[L.I_SIZE])
-                S = mine[L.I_S : L.I_S + m * m].reshape(m, m)
-                if np.isfinite(S).all() and np.linalg.eigvalsh(S)[0] > 0.0:
-                    yield sensor.name.lower(), outside(hessians(jacobian, x, (*TURNS, DDELAY))[:m], P, S)
-        if row[L.R_MODEL] == L.STRAPDOWN and session.state[L.PERIOD] <= L.SLOW:
-            move = _prediction(x, a, rate, dt)
-            F, known_P = move(x), P[:TOP, :TOP]
-            yield "prediction", outside(hessians(move, x, TURNS), known_P, F @ known_P @ F.T)
+        x, P = _state(session, state.row)
+        rate = state.row[L.R_RATE : L.R_RATE + 3]
+        is_integrated = is_fast and state.row[L.R_MODEL] == L.STRAPDOWN
+        yield from shares_at(x, P, state.acceleration, rate, state.innovations, dt if is_integrated else None)
+
+
+def shares_at(
+    x: Array, P: Array, a: Array, rate: Array, innovations: Mapping[Sensor, Array], dt: float | None
+) -> Iterator[tuple[str, float]]:
+    """The shares of `diagnostics.linearisation.outside` at one state, by name.
+
+    x: nominal state; P: (n, n); a: acceleration (3,), m/s^2 in n; rate: (3,), rad/s in b; innovations: newest innovation row of each
+    sensor; dt: time (s) that the prediction is taken over, None: it is not judged.
+    """
+    for sensor, jacobian in _measurements(a, rate, len(P)).items():
+        mine = innovations.get(sensor)
+        if mine is not None:
+            m = int(mine[L.I_SIZE])
+            S = mine[L.I_S : L.I_S + m * m].reshape(m, m)
+            if np.isfinite(S).all() and np.linalg.eigvalsh(S)[0] > 0.0:
+                yield sensor.name.lower(), outside(hessians(jacobian, x, (*TURNS, DDELAY))[:m], P, S)
+    if dt is not None:
+        move = _prediction(x, a, rate, dt)
+        F, known_P = move(x), P[:TOP, :TOP]
+        S = F @ known_P @ F.T
+        if np.linalg.eigvalsh(S)[0] > 0.0:
+            yield "prediction", outside(hessians(move, x, TURNS), known_P, S)
 
 
 def _between_fixes(innovations: Stretches) -> float:

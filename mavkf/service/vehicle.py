@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mavkf.config import Config
 from mavkf.diagnostics.covariance import judge_condition
-from mavkf.estimate import Consistency, Event, Pose, Record, Status
+from mavkf.estimate import Event, Pose, Record, Status
 from mavkf.link.clocks import VehicleClock
 from mavkf.navigation import layout as L
 from mavkf.navigation.counting import BEFORE, NEWEST, SECOND, STATUS, Counts, count_innovations, take_part
@@ -25,6 +25,7 @@ from mavkf.navigation.records import MODES, SENSOR_NAMES, RecordWriter, flag_nam
 from mavkf.navigation.stated import late_words
 from mavkf.samples import ARRIVAL, KIND, SESSION, TIME, UNIX_US, Kind, Source
 from mavkf.service.consistency import RecentInnovations
+from mavkf.service.linearisation import RecentLinearisation
 from mavkf.service.utc import UtcClock
 
 Array = NDArray[np.float64]
@@ -83,6 +84,7 @@ class VehicleStream:
         self._status_time = math.nan
         self._status_counts: dict[str, int] = {}
         self._recent = RecentInnovations()
+        self._linearisation = RecentLinearisation()
         self._late_told = False
         if session >= 0:
             self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model, self._lag)
@@ -191,6 +193,7 @@ class VehicleStream:
         self._poses = (self._poses or 0) + len(output.poses)
         if len(output.innovations):
             self._recent.take(output.innovations)
+            self._linearisation.take(output.innovations)
             count_innovations(output.innovations, self._tally.sensors)
         return Step(self.session, output)
 
@@ -229,28 +232,22 @@ class VehicleStream:
             rates_hz=rates,
             counts=counts | state_counts(self.estimator),
             age_s={name: now - last[kind] if math.isfinite(last[kind]) else None for kind, name in KINDS.items()},
-            innovations=self._consistency(row),
-            **self._covariance(),
+            **self._judgement(self.estimator, row),
         )
 
-    def _covariance(self) -> dict[str, Any]:
-        """What the covariance is to the computer."""
-        estimator = self.estimator
-        if estimator is None or estimator.setup is None:
+    def _judgement(self, estimator: SessionEstimator, row: Array) -> dict[str, Any]:
+        """What recent innovations, the covariance and the curvature of the models say. row: the pose row (POSE_WIDTH,) of now."""
+        if estimator.setup is None:
             return {}
-        finding = judge_condition(L.covariance(estimator.state))
-        return {
-            "condition": finding.value if math.isfinite(finding.value) else None,
-            "covariance": finding.sentence,
-        }
-
-    def _consistency(self, row: Array) -> dict[str, Consistency]:
-        """What recent innovations say. row: the pose row (POSE_WIDTH,) of now."""
-        estimator = self.estimator
-        if estimator is None or estimator.setup is None:
-            return {}
+        state, now = estimator.state, self._newest
         speed = math.hypot(row[L.R_V], row[L.R_V + 1])
-        return self._recent.report(self._newest, speed, estimator.state[L.MAIN], estimator.setup.imu_rate_hz)
+        condition = judge_condition(L.covariance(state))
+        return {
+            "innovations": self._recent.report(now, speed, state[L.MAIN], estimator.setup.imu_rate_hz),
+            "condition": condition.value if math.isfinite(condition.value) else None,
+            "covariance": condition.sentence,
+            "linearisation": self._linearisation.report(now, row, state),
+        }
 
     def records(self, step: Step, *, is_late: bool = False) -> Iterator[Record]:
         """The records of a step, in the order in which they are published.

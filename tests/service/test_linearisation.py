@@ -1,0 +1,55 @@
+"""The status says whether the first order is enough: on an honest flight it is, for a filter that knows little it is not."""
+
+import numpy as np
+import pytest
+
+from mavkf.estimate import Status
+from mavkf.models.strapdown import THETA
+from mavkf.navigation import layout as L
+from mavkf.navigation.pose import pose_row
+from mavkf.replay.options import Options, Watch
+from mavkf.replay.results import SessionResult
+from mavkf.replay.run import run
+from mavkf.replay.simulation import simulate
+from mavkf.service.linearisation import EVERY, RecentLinearisation
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionResult, list[Status]]:
+    log = tmp_path_factory.mktemp("linearisation") / "flight.tlog"
+    simulate(log, seed=5, duration_s=80.0, imu_hz=50.0)
+    statuses: list[Status] = []
+    watch = Watch(step=lambda stream, step: statuses.append(step.status) if step.status is not None else None)
+    (session,) = run(log, Options(as_live=True), watch).sessions
+    return session, statuses
+
+
+def test_an_honest_flight_is_linear_enough(flown: tuple[SessionResult, list[Status]]) -> None:
+    last = flown[1][-1].linearisation
+    assert set(last) == {"gnss_position", "gnss_velocity", "magnetometer", "prediction"}
+    for found in last.values():
+        assert found.verdict == "fine" and "first order is enough" in found.sentence
+        assert 0.05 <= found.outside < 0.06
+
+
+def test_nothing_is_said_before_there_is_a_state(flown: tuple[SessionResult, list[Status]]) -> None:
+    said = [bool(status.linearisation) for status in flown[1]]
+    known = [status.valid.position and status.valid.yaw for status in flown[1]]
+    assert said == known and not said[0] and said[-1]
+
+
+def test_a_filter_that_knows_little_is_told_so(flown: tuple[SessionResult, list[Status]]) -> None:
+    session, _ = flown
+    state, row = session.state.copy(), np.zeros(L.POSE_WIDTH)
+    pose_row(state, session.parameters, row)
+    recent = RecentLinearisation()
+    recent.take(session.output.innovations)
+    now = float(row[L.R_TIME])
+    assert recent.report(now, row, state)["prediction"].verdict == "fine"
+    P = L.covariance(state)
+    for i in range(THETA, THETA + 3):
+        P[i, :], P[:, i], P[i, i] = 0.0, 0.0, 0.5  # rad^2
+    assert recent.report(now + 0.5 * EVERY, row, state)["prediction"].verdict == "fine"  # it is not yet time
+    for k in range(1, 9):
+        found = recent.report(now + k * EVERY, row, state)
+    assert found["prediction"].verdict == "broken" and "not enough" in found["prediction"].sentence
