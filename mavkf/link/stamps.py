@@ -16,6 +16,7 @@ NEAR_US = 60_000_000
 CLOSE_US = 1_000_000
 FOLLOWERS = 5
 LATEST_US = 1 << 52
+LONGEST_WAIT = 1 << 16  # frames: a file of bare frames has no stamps at all
 
 
 @kernel
@@ -77,7 +78,11 @@ class StampRepair:
         frames = join_frames([self._waiting, frames])
         stop = len(frames) if last else max(len(frames) - FOLLOWERS, 0)
         stamps = np.ascontiguousarray(frames["stamp"])
-        bad, self._last = repair(stamps, self._last, stop)
+        bad, newest = repair(stamps, self._last, stop)
+        if newest < 0 and not last and len(frames) < LONGEST_WAIT:
+            self._waiting = frames  # the first that is true is lent to those before it
+            return frames[:0]
+        self._last = newest
         self.bad += bad
         self._waiting = frames[stop:].copy()
         frames = frames[:stop]

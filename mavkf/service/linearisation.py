@@ -15,6 +15,8 @@ from mavkf.replay.states import JUDGED, KNOWN
 Array = NDArray[np.float64]
 EVERY = 10.0  # s between two states that are judged
 STATES = 8  # that the findings are of
+_JUDGED = {float(sensor.value): sensor for sensor in JUDGED}
+_POSITION = float(Sensor.GNSS_POSITION.value)
 
 
 class RecentLinearisation:
@@ -30,14 +32,13 @@ class RecentLinearisation:
 
     def take(self, rows: Array) -> None:
         """Note innovation rows (n, INNOVATION_WIDTH)."""
-        sensors = rows[:, L.I_SENSOR].tolist()
-        for sensor in JUDGED:
-            if sensor.value in sensors:
-                row = rows[len(sensors) - 1 - sensors[::-1].index(sensor.value)]
-                before = self._newest.get(sensor)
-                if sensor is Sensor.GNSS_POSITION and before is not None and row[L.I_TIME] > before[L.I_TIME]:
-                    self._between_fixes = min(float(row[L.I_TIME] - before[L.I_TIME]), LONGEST)
-                self._newest[sensor] = row
+        for row, sensor in zip(rows, rows[:, L.I_SENSOR].tolist(), strict=True):
+            if sensor not in _JUDGED:
+                continue
+            before = self._newest.get(_JUDGED[sensor])
+            if sensor == _POSITION and before is not None and row[L.I_TIME] > before[L.I_TIME]:
+                self._between_fixes = min(float(row[L.I_TIME] - before[L.I_TIME]), LONGEST)
+            self._newest[_JUDGED[sensor]] = row
 
     def report(self, now: float, row: Array, state: Array) -> dict[str, Linearisation]:
         """By name. now: s; row: the pose row (POSE_WIDTH,) of now; state: of the fold (STATE_SIZE,)."""

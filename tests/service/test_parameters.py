@@ -13,7 +13,7 @@ from mavkf.link.decode import decode
 from mavkf.link.framing import FrameStream
 from mavkf.navigation.setup import choose
 from mavkf.navigation.stated import FARTHEST, LONGEST_S, too_late, values_of
-from mavkf.replay.options import Options
+from mavkf.replay.options import Options, Watch
 from mavkf.replay.run import run
 from mavkf.samples import PARAMETER, PARAMETER_VALUE, ROW_WIDTH, AutopilotParameter, Source
 from mavkf.service.belief import Belief
@@ -301,7 +301,9 @@ def test_live_equals_the_replay_of_its_recording_however_it_was_cut(tmp_path: An
     (tmp_path / "flight.tlog").write_bytes(b"".join(bench.log))
     replayed: list[Any] = []
     result = run(
-        tmp_path / "flight.tlog", Options(as_live=True), each=lambda live, step: replayed.extend(live.records(step))
+        tmp_path / "flight.tlog",
+        Options(as_live=True),
+        Watch(step=lambda live, step: replayed.extend(live.records(step))),
     )
     (session,) = result.sessions
     assert session.setup == bench.setup
