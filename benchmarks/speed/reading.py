@@ -84,8 +84,9 @@ def arrays(path: Path) -> dict[Kind, Array]:
     with Ahead(iter(TlogReader(path))) as blocks:
         for block in blocks:
             for rows in block.rows.values():
+                kinds = rows[:, KIND].astype(np.int8)
                 for kind, columns in COLUMNS.items():
-                    mine = np.flatnonzero(rows[:, KIND] == kind)
+                    mine = np.flatnonzero(kinds == kind)
                     parts[kind].append(np.take(rows, mine, axis=0)[:, columns])
     return {kind: np.concatenate(found) for kind, found in parts.items()}
 

@@ -161,8 +161,13 @@ MESSAGES: dict[Source, tuple[int, tuple[Reading, ...]]] = {
 }
 """Every message that gives rows: its family, and how its fields are read."""
 
-# Columns of the table of readings. A type is the number of bytes, negative if signed; 0 is a float of four bytes, TEXT a text.
-OFFSET, TYPE, SLOT, SCALE, UNKNOWN = range(5)
+# Columns of the tables of readings: of their places and units, and of the runs of one type. A type is the number of bytes, negative if
+# signed; 0 is a float of four bytes, TEXT a text.
+OFFSET, SLOT = range(2)
+SCALE, UNKNOWN = range(2)
+TYPE, BEGIN, END = range(3)
+SPLIT = 100
+"""Added to the size of a type that does not lie at a multiple of it, as extensions of a message may."""
 TEXT = 16
 """The bytes of a text, zeros at its end where it is shorter: those of `param_id`."""
 
@@ -172,15 +177,19 @@ class Tables(NamedTuple):
 
     sources:   `Source` of each message id (int8), -1 for messages that give no rows.
     families:  family of each source.
-    first:     where the readings of each source begin; one more at the end.
-    readings:  (k, 5) float64.
+    first:     where the runs of each source begin; one more at the end.
+    runs:      (r, 3) int64.
+    places:    (k, 2) int64, of each reading.
+    units:     (k, 2) float64, of each reading.
     names:     of the parameters that are read, (n, TEXT).
     """
 
     sources: NDArray[np.int8]
     families: NDArray[np.int64]
     first: NDArray[np.int64]
-    readings: NDArray[np.float64]
+    runs: NDArray[np.int64]
+    places: NDArray[np.int64]
+    units: NDArray[np.float64]
     names: NDArray[np.uint8]
 
 
@@ -190,21 +199,34 @@ def tables() -> Tables:
     sources = np.full(HIGHEST_ID + 1, -1, np.int8)
     families = np.zeros(len(MESSAGES), np.int64)
     first = np.zeros(len(MESSAGES) + 1, np.int64)
-    readings: list[tuple[float, ...]] = []
+    runs: list[tuple[int, int, int]] = []
+    places: list[tuple[int, int]] = []
+    units: list[tuple[float, float]] = []
     for source in sorted(MESSAGES):
         family, fields = MESSAGES[source]
         sources[message_ids()[source.name]] = source
         families[source] = family
-        layout: Any = message_dtype(source.name).fields
+        layout = message_dtype(source.name).fields
+        assert layout is not None
+        by_type: dict[int, list[Reading]] = {}
         for reading in fields:
-            dtype, offset = layout[reading.field]
-            kind = {"u": dtype.itemsize, "i": -dtype.itemsize, "f": 0, "S": TEXT}[dtype.kind]
-            assert kind or (dtype.itemsize == 4 and offset % 4 == 0)
-            assert kind != TEXT or dtype.itemsize == TEXT
-            if reading.as_integer:
-                kind = -dtype.itemsize
-            readings.append((offset, kind, reading.slot, reading.scale, reading.unknown))
-        first[source + 1] = len(readings)
+            by_type.setdefault(_type_of(reading, *layout[reading.field][:2]), []).append(reading)
+        for kind, alike in by_type.items():
+            runs.append((kind, len(places), len(places) + len(alike)))
+            places += [(layout[reading.field][1], reading.slot) for reading in alike]
+            units += [(reading.scale, reading.unknown) for reading in alike]
+        first[source + 1] = len(runs)
     names = b"".join(parameter.name.encode().ljust(TEXT, b"\0") for parameter in AutopilotParameter)
     table = np.frombuffer(names, np.uint8).reshape(-1, TEXT).copy()  # what is written to the compiled loop has one type
-    return Tables(sources, families, first, np.array(readings, np.float64), table)
+    return Tables(sources, families, first, np.array(runs), np.array(places), np.array(units, np.float64), table)
+
+
+def _type_of(reading: Reading, dtype: "np.dtype[Any]", offset: int) -> int:
+    """The type of a field, as of the table of runs."""
+    size = dtype.itemsize
+    kind = {"u": size, "i": -size, "f": 0, "S": TEXT}[dtype.kind]
+    assert kind or (size == 4 and offset % 4 == 0)
+    assert kind != TEXT or size == TEXT
+    if reading.as_integer:
+        kind = -size
+    return kind if kind in (0, TEXT) or offset % size == 0 else kind + (SPLIT if kind > 0 else -SPLIT)

@@ -6,7 +6,7 @@ the same rows.
 
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,26 +56,51 @@ def named(payload: Any, offset: int, names: Any) -> float:
 
 
 @kernel
-def read_values(payload: Any, floats: Any, readings: Any, names: Any, first: int, last: int, values: Any) -> None:
-    """Fill values with the fields of a zero-extended payload (uint8; floats: the same memory as float32)."""
-    for k in range(first, last):
-        offset, kind = int(readings[k, c.OFFSET]), int(readings[k, c.TYPE])
-        if kind == 0:
-            raw = float(floats[offset >> 2])
+def whole_number(payload: Any, offset: int, size: int, signed: bool) -> float:
+    """A whole number of so many bytes, wherever it lies."""
+    bits = 0
+    for i in range(size):
+        bits |= int(payload[offset + i]) << 8 * i
+    if signed and size < 8 and bits >> (8 * size - 1):
+        bits -= 1 << 8 * size
+    return float(bits) if signed or bits >= 0 else float(bits) + 2.0**64
+
+
+@kernel
+def keep(raw: float, k: int, places: Any, units: Any, values: Any) -> None:
+    """Put a raw value into its place, in its unit, or NaN where it is unknown."""
+    unknown = raw == units[k, c.UNKNOWN] or not isfinite(raw)
+    values[places[k, c.SLOT]] = nan if unknown else raw * units[k, c.SCALE]
+
+
+@kernel
+def read_values(work: Any, runs: Any, places: Any, units: Any, names: Any, first: int, last: int, values: Any) -> None:
+    """Fill values with the fields of the payload, those of one type after those of another: no field asks for its type."""
+    payload = work.payload
+    for r in range(first, last):
+        kind, begin, end = runs[r, c.TYPE], runs[r, c.BEGIN], runs[r, c.END]
+        if kind == -2:
+            for k in range(begin, end):
+                keep(float(work.int16[places[k, c.OFFSET] >> 1]), k, places, units, values)
+        elif kind == 0:
+            for k in range(begin, end):
+                keep(float(work.float32[places[k, c.OFFSET] >> 2]), k, places, units, values)
+        elif kind == 2:
+            for k in range(begin, end):
+                keep(float(work.uint16[places[k, c.OFFSET] >> 1]), k, places, units, values)
+        elif kind == -4:
+            for k in range(begin, end):
+                keep(float(work.int32[places[k, c.OFFSET] >> 2]), k, places, units, values)
+        elif kind == 4:
+            for k in range(begin, end):
+                keep(float(work.uint32[places[k, c.OFFSET] >> 2]), k, places, units, values)
         elif kind == c.TEXT:
-            raw = named(payload, offset, names)
+            for k in range(begin, end):
+                keep(named(payload, places[k, c.OFFSET], names), k, places, units, values)
         else:
-            size = abs(kind)
-            bits = 0
-            for i in range(size):
-                bits |= int(payload[offset + i]) << 8 * i
-            if kind < 0 and size < 8 and bits >> (8 * size - 1):
-                bits -= 1 << 8 * size
-            raw = float(bits)
-            if kind == 8 and bits < 0:
-                raw += 2.0**64
-        unknown = raw == readings[k, c.UNKNOWN] or not isfinite(raw)
-        values[int(readings[k, c.SLOT])] = nan if unknown else raw * readings[k, c.SCALE]
+            for k in range(begin, end):
+                number = whole_number(payload, places[k, c.OFFSET], abs(kind) % c.SPLIT, kind < 0)
+                keep(number, k, places, units, values)
 
 
 @kernel
@@ -116,7 +141,9 @@ def frame_rows(
     sources: Any,
     families: Any,
     first: Any,
-    readings: Any,
+    runs: Any,
+    places: Any,
+    units: Any,
     names: Any,
     work: Any,
     counts: Any,
@@ -125,7 +152,7 @@ def frame_rows(
 ) -> None:
     """Write the rows of the chosen frames (indices) to `out`; ends (of each) is how many there are then. work: of `work_space`."""
     counts[WRITTEN] = 0
-    payload, floats, values = work
+    payload = work.payload
     for n in range(chosen.size):
         frame = frames[chosen[n]]
         source = int(sources[frame.message])
@@ -134,9 +161,8 @@ def frame_rows(
             payload[j] = data[frame.offset + j]
         for j in range(length, MAX_PAYLOAD):
             payload[j] = 0
-        for j in range(c.VALUES):
-            values[j] = nan
-        read_values(payload, floats, readings, names, first[source], first[source + 1], values)
+        values = work.values[source]  # a message overwrites all that the one before it has read
+        read_values(work, runs, places, units, names, first[source], first[source + 1], values)
         time, clock = stamp(values)
         begin = counts[WRITTEN]
         message_rows(values, families[source], counts, out)
@@ -166,10 +192,30 @@ def find_senders(senders: Any, ends: Any, spans: Any) -> int:
     return k
 
 
-def work_space() -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float64]]:
-    """What `frame_rows` works in: a payload, zero-extended, the same memory as floats, and the values of a message."""
+class WorkSpace(NamedTuple):
+    """A payload, zero-extended, the same memory as other numbers, and the values of a message of each source."""
+
+    payload: NDArray[np.uint8]
+    uint16: NDArray[np.uint16]
+    int16: NDArray[np.int16]
+    uint32: NDArray[np.uint32]
+    int32: NDArray[np.int32]
+    float32: NDArray[np.float32]
+    values: NDArray[np.float64]
+
+
+def work_space() -> WorkSpace:
+    """What `frame_rows` works in."""
     payload = np.zeros(MAX_PAYLOAD, np.uint8)
-    return payload, payload.view(np.float32), np.empty(c.VALUES)
+    return WorkSpace(
+        payload,
+        payload.view(np.uint16),
+        payload.view(np.int16),
+        payload.view(np.uint32),
+        payload.view(np.int32),
+        payload.view(np.float32),
+        np.full((len(c.MESSAGES), c.VALUES), nan),
+    )
 
 
 def decode(

@@ -113,8 +113,8 @@ def integer_imu(values: Any, counts: Any, out: Any) -> None:
 @kernel
 def gnss(values: Any, family: int, counts: Any, out: Any) -> None:
     """GPS_RAW_INT, GPS2_RAW, HIL_GPS, GPS_INPUT."""
-    if 1 <= values[c.YAW] <= 36000:
-        values[c.MAIN + s.GNSS_YAW] = values[c.YAW] % 36000 * c.CENTI_DEGREE
+    has_yaw = 1 <= values[c.YAW] <= 36000
+    values[c.MAIN + s.GNSS_YAW] = values[c.YAW] % 36000 * c.CENTI_DEGREE if has_yaw else nan
     if family == c.GPS_RAW:
         # A vehicle at rest has no course.
         course = 0.0 if values[c.SPEED] == 0 else values[c.COURSE]
