@@ -1,7 +1,7 @@
 """One step ahead: the next item of an iterator is made by another thread while this one works on the last."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 from typing import Generic, TypeVar
@@ -18,7 +18,7 @@ class Ahead(Generic[Item]):
     """
 
     def __init__(self, source: Iterator[Item]) -> None:
-        """source: nobody else may use it meanwhile."""
+        """source: nobody else may use it meanwhile; a generator is closed at the end."""
         self._source = source
         self._pool = ThreadPoolExecutor(1, "mavkf-ahead")
         self.busy_s = 0.0
@@ -30,6 +30,8 @@ class Ahead(Generic[Item]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._pool.shutdown(cancel_futures=True)
+        if isinstance(self._source, Generator):
+            self._source.close()
 
     def __iter__(self) -> Iterator[Item]:
         nothing = object()

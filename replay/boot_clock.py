@@ -1,10 +1,12 @@
 """The rows of a log on the vehicle's boot clock."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.link.clocks import ClockCounts, VehicleClock
-from mavkf.samples import SEQUENCE, TIME
+from mavkf.samples import SEQUENCE, SESSION, TIME
 
 Array = NDArray[np.float64]
 
@@ -26,3 +28,14 @@ def boot_times(rows: Array, window_s: float) -> Array:
     times = np.full(rows.shape[0], np.nan)
     times[timed[:, SEQUENCE].astype(np.int64)] = timed[:, TIME]
     return times
+
+
+def by_session(timed: Array) -> Iterator[tuple[int, Array]]:
+    """The rows (n, ROW_WIDTH) of each session in turn, whose number never falls."""
+    session = timed[:, SESSION]
+    ends = [*(np.flatnonzero(np.diff(session)) + 1).tolist(), len(timed)]
+    first = 0
+    for end in ends:
+        if end > first:
+            yield int(session[first]), timed[first:end]
+        first = end

@@ -1,9 +1,11 @@
 """Estimates as columns and as CSV: degrees and metres, blank where nothing is known."""
 
 import math
+import os
+import stat
 import tempfile
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -16,6 +18,7 @@ from mavkf.errors import UsageError
 from mavkf.estimate import Pose
 from mavkf.navigation import layout as L
 from mavkf.navigation.records import MODES
+from mavkf.navigation.spool import needs_room
 
 Array = NDArray[np.float64]
 DECIMALS = {
@@ -112,12 +115,12 @@ class CsvFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises UsageError where the file cannot be written."""
+        """Raises UsageError where the file cannot be written. What is in it stays until `finish`."""
         self._path = path
         self._parts: dict[str, IO[bytes]] = {}
         self._ends = ExitStack()
         try:
-            self._file = self._ends.enter_context(path.open("wb"))
+            self._file = self._ends.enter_context(path.open("ab"))
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -127,30 +130,34 @@ class CsvFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._ends.close()
+        with suppress(OSError):  # of what `finish` could not write
+            self._ends.close()
 
     def take(self, vehicle: str, session: int, poses: Array) -> None:
         """Take pose rows (n, POSE_WIDTH) of a session of a vehicle. Raises UsageError where the disk is full."""
         if vehicle not in self._parts:
-            self._parts[vehicle] = self._ends.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 (closed by the stack)
+            with needs_room():
+                self._parts[vehicle] = self._ends.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 (closed by the stack)
         for first in range(0, len(poses), BLOCK):
             some = poses[first : first + BLOCK]
             head, modes = f"{vehicle},{session},".encode(), some[:, L.R_MODE].astype(np.int64)
             text = lines(np.column_stack(list(columns(some).values())), list(DECIMALS.values()), head, _MODES, modes)
-            try:
+            with needs_room():
                 self._parts[vehicle].write(text)
-            except OSError as error:
-                raise self._unwritable(error) from None
 
     def finish(self, vehicles: Iterable[str]) -> int:
         """Write the rows of vehicles, in this order; returns their number. Raises UsageError."""
         count = 0
+        with needs_room():
+            for each in self._parts.values():
+                each.seek(0)
         try:
+            if stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
+                self._file.truncate(0)
             self._file.write(("vehicle,session," + ",".join(DECIMALS) + ",mode\n").encode())
             for vehicle in vehicles:
                 part = self._parts.get(vehicle)
                 if part is not None:
-                    part.seek(0)
                     while piece := part.read(PIECE):
                         count += piece.count(b"\n")
                         self._file.write(piece)

@@ -99,14 +99,18 @@ def shares_at(
         if mine is not None:
             m = int(mine[L.I_SIZE])
             S = mine[L.I_S : L.I_S + m * m].reshape(m, m)
-            if np.isfinite(S).all() and np.linalg.eigvalsh(S)[0] > 0.0:
+            if _is_definite(S):
                 yield sensor.name.lower(), outside(hessians(jacobian, x, (*TURNS, DDELAY))[:m], P, S)
     if dt is not None:
         move = _prediction(x, a, rate, dt)
         F, known_P = move(x), P[:TOP, :TOP]
         S = F @ known_P @ F.T
-        if np.linalg.eigvalsh(S)[0] > 0.0:
+        if _is_definite(S):
             yield "prediction", outside(hessians(move, x, TURNS), known_P, S)
+
+
+def _is_definite(S: Array) -> bool:
+    return bool(np.isfinite(S).all() and np.linalg.eigvalsh(S)[0] > 0.0)
 
 
 def _between_fixes(innovations: Stretches) -> float:

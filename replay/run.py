@@ -28,7 +28,8 @@ def vehicle_name(address: Address) -> str:
 def run(path: Path | Sequence[Path], options: Options, watch: Watch = NOBODY, *, keep: bool = True) -> Result:
     """Replay a log, or the logs of several links of one flight as one.
 
-    keep: whether rows and outputs are wanted at the end; without, memory does not grow with the log. Raises LogError, UsageError.
+    keep: whether rows and outputs are wanted at the end; without, memory does not grow with the log, unless there are several or faults are
+    put into it. Raises LogError, UsageError.
     """
     check(options)
     begin = time.perf_counter()

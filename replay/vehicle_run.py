@@ -14,12 +14,12 @@ from mavkf.navigation import layout as L
 from mavkf.navigation.estimator import Output, SessionEstimator, fold_counts, joined
 from mavkf.navigation.offline import OfflineSession
 from mavkf.navigation.spool import Spool
-from mavkf.replay.boot_clock import boot_times
+from mavkf.replay.boot_clock import boot_times, by_session
 from mavkf.replay.faults import apply_faults
 from mavkf.replay.options import Options, Watch
 from mavkf.replay.results import SessionResult
 from mavkf.replay.tally import Tally
-from mavkf.samples import KIND, ROW_WIDTH, SESSION, Kind
+from mavkf.samples import KIND, ROW_WIDTH, Kind
 from mavkf.service.senders import is_vehicle
 from mavkf.service.vehicle import VehicleStream, state_counts, within
 
@@ -81,6 +81,7 @@ class OfflineRun:
         self._name, self._options, self._watch, self._keep = name, options, watch, keep
         self._number = -1
         self._flight: Flight | None = None
+        self._open: set[OfflineSession] = set()
         self.results: list[SessionResult] = []
 
     def prepare(self, _: Array, timed: Array, *, last: bool) -> Iterator[Work]:
@@ -98,12 +99,13 @@ class OfflineRun:
 
     def close(self) -> None:
         """Let go of temporary files."""
-        if self._flight is not None:
-            self._flight.session.close()
+        for session in self._open:
+            session.close()
 
     def _begin(self, number: int) -> Flight:
         o = self._options
         session = OfflineSession(o.config, o.rate_hz, o.imu, o.model, o.smooth, o.other_filter)
+        self._open.add(session)
         return Flight(number, session, Past(keep=self._keep))
 
     def _arrange(self, flight: Flight, rows: Array, *, last: bool = False) -> Iterator[Work]:
@@ -113,9 +115,13 @@ class OfflineRun:
     def _end(self) -> Iterator[Work]:
         flight = self._flight
         self._flight = None
-        if flight is not None and flight.session.has_sensor:
+        if flight is None:
+            return
+        if flight.session.has_sensor:
             yield from self._arrange(flight, np.empty((0, ROW_WIDTH)), last=True)
             yield partial(self._finish, flight)
+        else:
+            self._open.discard(flight.session)
 
     def _fold(self, flight: Flight, events: Array) -> None:
         for output in flight.session.fold(events):
@@ -130,6 +136,7 @@ class OfflineRun:
         if session.has_second_pass:
             self._second_pass(flight, output)
         session.close()
+        self._open.discard(session)
         assert session.setup is not None
         self.results.append(
             SessionResult(
@@ -250,6 +257,8 @@ class VehicleRun:
         if self._options.faults:
             self._rows.append(rows)
             return []
+        if self._options.as_live and self._said is False:  # the service does not follow it either
+            return []
         return self._prepare(rows)
 
     def work(self, works: Iterable[Work]) -> None:
@@ -284,14 +293,3 @@ class VehicleRun:
         except MavkfError as error:
             self._error = self._error or error
         return works
-
-
-def by_session(timed: Array) -> Iterator[tuple[int, Array]]:
-    """The rows (n, ROW_WIDTH) of each session in turn, whose number never falls."""
-    session = timed[:, SESSION]
-    ends = [*(np.flatnonzero(np.diff(session)) + 1).tolist(), len(timed)]
-    first = 0
-    for end in ends:
-        if end > first:
-            yield int(session[first]), timed[first:end]
-        first = end

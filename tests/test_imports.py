@@ -25,7 +25,7 @@ MAY: dict[str, set[str]] = {
     "ahead": set(),
     "config": {"errors"},
     "decimals": {"compiled"},
-    "models": {"compiled", "stack", "decimals", "machine_code", "ahead"},
+    "models": {"compiled", "stack"},
     "filters": {"compiled", "stack", "errors"},
     "navigation": {"models", "filters", *BASE},
     "diagnostics": {"filters", "compiled", "errors"},

@@ -86,5 +86,5 @@ class StampRepair:
         self.bad += bad
         self._waiting = frames[stop:].copy()
         frames = frames[:stop]
-        frames["stamp"] = np.maximum(stamps[:stop], 0)
+        frames["stamp"] = stamps[:stop] if self._last >= 0 else 0
         return frames

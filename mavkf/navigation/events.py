@@ -13,6 +13,7 @@ from mavkf.navigation.timeline import choose_events, order, place_events
 from mavkf.samples import (
     ACCEL,
     ARRIVAL,
+    CLOCK,
     FIELD,
     FIX,
     GNSS_SOURCES,
@@ -25,6 +26,7 @@ from mavkf.samples import (
     SEQUENCE,
     SOURCE,
     TIME,
+    Clock,
     Kind,
     Source,
 )
@@ -123,7 +125,8 @@ def delays(setup: Setup) -> Array:
 class EventOrder:
     """Puts events into the order of measurement, block by block: what might still be overtaken waits.
 
-    No row may be older than the newest before it by more than the window, as the boot clock has it (`mavkf.link.clocks`).
+    No row may be older than the newest boot stamp before it by more than the window, as the boot clock has it (`mavkf.link.clocks`); a time
+    that is mapped from UNIX time may be ahead of that.
     """
 
     def __init__(self, setup: Setup, window_s: float) -> None:
@@ -143,8 +146,9 @@ class EventOrder:
         chosen = rows[select(rows, self._setup)]
         numbers = self._next + np.arange(len(chosen))
         self._next += len(chosen)
-        if len(rows):
-            self._newest = max(self._newest, float(np.fmax.reduce(rows[:, TIME])))
+        stamped = rows[rows[:, CLOCK] != Clock.UNIX_US, TIME]
+        if len(stamped):
+            self._newest = max(self._newest, float(np.fmax.reduce(stamped)))
         waiting, numbers = np.concatenate([self._rows, chosen]), np.concatenate([self._numbers, numbers])
         kind = waiting[:, KIND]
         time = waiting[:, TIME] - delays(self._setup)[kind.astype(np.int64)]

@@ -1,13 +1,28 @@
 """Rows that are needed again: few are kept in memory, many in a temporary file, so that memory does not grow with a flight."""
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavkf.errors import UsageError
+
 Array = NDArray[np.float64]
 IN_MEMORY = 1 << 25  # bytes
+
+
+@contextmanager
+def needs_room() -> Iterator[None]:
+    """For what is done to temporary files: raises UsageError where they have no room."""
+    try:
+        yield
+    except OSError as error:
+        raise UsageError(
+            f"temporary files cannot be written ({error.strerror}): make room, or name a folder that has some in TMPDIR"
+        ) from None
 
 
 class Spool:
@@ -29,7 +44,8 @@ class Spool:
 
     def close(self) -> None:
         """Let it go."""
-        self._file.close()
+        with suppress(OSError):  # what the disk has no room for is not wanted any more
+            self._file.close()
 
     def __len__(self) -> int:
         return self._count
@@ -39,14 +55,16 @@ class Spool:
         self.put(self._count, rows)
 
     def put(self, first: int, rows: Array) -> None:
-        """Write rows (n, width) from number `first` on, in place of those that are there. Raises OSError where the disk is full."""
-        self._file.seek(8 * self._width * first)
-        self._file.write(np.ascontiguousarray(rows, dtype=np.float64).data)
+        """Write rows (n, width) from number `first` on, in place of those that are there. Raises UsageError where the disk is full."""
+        with needs_room():
+            self._file.seek(8 * self._width * first)
+            self._file.write(np.ascontiguousarray(rows, dtype=np.float64).data)
         self._count = max(self._count, first + len(rows))
 
     def block(self, first: int, last: int) -> Array:
-        """Rows first..last (m, width), a copy; as many as there are."""
+        """Rows first..last (m, width), a copy; as many as there are. Raises UsageError: what was put may only now be written."""
         rows = np.empty((max(min(last, self._count) - first, 0), self._width))
-        self._file.seek(8 * self._width * first)
-        self._file.readinto(rows.data.cast("B"))
+        with needs_room():
+            self._file.seek(8 * self._width * first)
+            self._file.readinto(rows.data.cast("B"))
         return rows

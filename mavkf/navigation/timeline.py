@@ -282,14 +282,14 @@ def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, mark
             break
         e = arrived[i]
         i += 1
+        marks[NEWEST] = max(marks[NEWEST], e[TIME])
+        if cursor[EVENTS] >= cursor[LOOK]:
+            forget_old(events, snapshots, cursor, marks, window)
         if e[TIME] < marks[NEWEST] - window or e[TIME] <= marks[FORGOTTEN]:
             cursor[LATE] += 1
             continue
         newer = not e[TIME] <= marks[NEWEST_IMU]
         makes_pose = newer and is_lone_fix(e, marks[NEWEST_IMU], c)
-        marks[NEWEST] = max(marks[NEWEST], e[TIME])
-        if cursor[EVENTS] >= cursor[LOOK]:
-            forget_old(events, snapshots, cursor, marks, window)
         place = insert(events, cursor[EVENTS], e)
         cursor[EVENTS] += 1
         if place < cursor[FOLDED]:

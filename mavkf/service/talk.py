@@ -29,6 +29,7 @@ _RADIO = ("RADIO_STATUS", "RADIO")
 _ANSWERS = {
     message_ids()[name]: name
     for name in ("HEARTBEAT", "SYSTEM_TIME", "MESSAGE_INTERVAL", "COMMAND_ACK", "PARAM_VALUE", "PARAM_ERROR", *_RADIO)
+    if name in message_ids()  # PARAM_ERROR is newer than the oldest pymavlink that will do
 }
 
 

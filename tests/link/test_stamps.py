@@ -62,6 +62,11 @@ def test_any_stamps_at_all(stamps: list[int]) -> None:
     assert 0 <= repaired(stamps)[1] <= len(stamps)
 
 
+@pytest.mark.parametrize("stamp", [-1, 1 << 60])
+def test_a_stamp_is_zero_where_none_is_true(stamp: int) -> None:
+    assert repaired([stamp] * 20, (7,)) == ([0] * 20, 20)
+
+
 near = st.one_of(st.integers(0, 10**6), st.sampled_from([70 * SECOND, -70 * SECOND, 3 * SECOND, 1 << 60]))
 
 

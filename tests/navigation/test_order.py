@@ -249,6 +249,18 @@ def test_older_than_the_history_is_counted_and_dropped(rows: Array, batch: Offli
         )
 
 
+def test_what_fills_the_history_and_is_older_than_what_stays_is_dropped(rows: Array, batch: Offline) -> None:
+    events = in_order(Arrivals(batch.setup).events(rows))[:1000]
+    capacity, held, found = 256, 500, set()
+    for place in range(held + capacity // 2, held + capacity):
+        late = np.concatenate([events[:held], events[held + 1 : place], events[held : held + 1]])
+        state, cursor = run_with_history(late, batch.parameters, capacity)
+        same = events[:place] if cursor[timeline.LATE] == 0 else np.delete(events[:place], held, axis=0)
+        assert differences(state, run_with_history(same, batch.parameters, capacity)[0]) == [], place
+        found.add(int(cursor[timeline.LATE]))
+    assert found == {0, 1}
+
+
 def test_delays_are_told_to_the_estimator(rows: Array) -> None:
     # without the configured delays the same rows make another estimate: the tests above do compare something
     assert len(DELAYS) == 3

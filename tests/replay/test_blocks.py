@@ -1,9 +1,12 @@
 """A log goes by in blocks: what comes of it does not depend on their size, nor on what is kept."""
 
+import errno
+import io
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +27,9 @@ from mavkf.replay.run import run
 from mavkf.replay.simulation import simulate
 from mavkf.replay.summary import summarise
 from mavkf.replay.tlog import read_tlog
-from mavkf.samples import TIME, Source
+from mavkf.samples import CLOCK, KIND, TIME, Clock, Kind, Source
+
+from ..link import _wire
 
 WINDOW = Config().timeline.window_s
 
@@ -168,3 +173,89 @@ def test_what_the_other_thread_raises_is_raised_here() -> None:
 def test_what_a_vehicle_lacks_is_an_error_in_whatever_thread_it_is_found(log: Path, as_live: bool) -> None:
     with pytest.raises(UsageError, match="SCALED_IMU3"):
         run(log, Options(imu=Source.SCALED_IMU3, as_live=as_live))
+
+
+def test_a_generator_that_is_not_needed_any_more_is_closed() -> None:
+    closed = []
+
+    def source() -> Iterator[int]:
+        try:
+            yield 1
+            yield 2
+            yield 3
+        finally:
+            closed.append(True)
+
+    kept = source()  # no other reference goes
+    with pytest.raises(LogError), Ahead(kept) as items:
+        for _ in items:
+            raise LogError("broken")
+    assert closed == [True]
+
+
+def test_events_come_in_order_where_unix_time_is_ahead_of_the_boot_clock(timed: np.ndarray) -> None:
+    rows = timed.copy()
+    fixes = rows[:, KIND] == Kind.GNSS
+    delay = np.where(fixes, 0.0, np.random.default_rng(2).uniform(0.0, WINDOW - 1e-3, len(rows)))
+    rows[fixes, CLOCK] = Clock.UNIX_US
+    rows = rows[np.argsort(timed[:, TIME] + delay, kind="stable")]
+    rows[rows[:, KIND] == Kind.GNSS, TIME] += 0.9 * WINDOW  # as the clock lets it
+    order = EventOrder(choose(timed[:2000], Config()), WINDOW)
+    parts = [events for first in range(0, len(rows), 50) for events in order.push(rows[first : first + 50])]
+    assert np.all(np.diff(np.concatenate(parts)[:, TIME]) >= 0.0)
+
+
+def as_other(log: Path, path: Path) -> None:
+    """The log with a companion's heartbeats in place of an autopilot's."""
+    content = read_tlog(log)
+    beats = _wire.frame("HEARTBEAT", system=1, component=191, type=18, autopilot=8)
+    records = []
+    for each in content.frames:
+        begin = each["offset"] - 10
+        whole = content.data[begin : begin + each["size"]].tobytes()
+        records.append(_wire.record(int(each["stamp"]), beats if each["message"] == 0 else whole))
+    path.write_bytes(b"".join(records))
+
+
+@pytest.mark.parametrize("as_live", [False, True])
+def test_who_says_that_it_is_no_vehicle_is_not_told_of(log: Path, tmp_path: Path, as_live: bool) -> None:
+    simulate(tmp_path / "whole.tlog", seed=5, duration_s=60.0, imu_hz=50.0, address=(1, 191))
+    as_other(tmp_path / "whole.tlog", tmp_path / "other.tlog")
+    heard = set()
+    watch = Watch(step=lambda stream, step: heard.add(stream.writer.vehicle))
+    with pytest.raises(LogError, match="no vehicle"):
+        run(tmp_path / "other.tlog", Options(as_live=as_live), watch)
+    assert not heard
+
+
+class Full(io.BytesIO):
+    """A file on a disk that is full."""
+
+    def write(self, data: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def close(self) -> None:
+        super().close()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_no_room_for_temporary_files_is_told(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.SpooledTemporaryFile", lambda size: Full())
+    with pytest.raises(UsageError, match="TMPDIR"):
+        run(log, Options(smooth=True))
+    monkeypatch.undo()
+    monkeypatch.setattr("mavkf.replay.export.tempfile", SimpleNamespace(TemporaryFile=Full))
+    with pytest.raises(UsageError, match="TMPDIR"):
+        csv(log, tmp_path / "estimate.csv", Options())
+
+
+def test_what_cannot_be_written_is_told_and_what_was_there_stays_until_then(log: Path, tmp_path: Path) -> None:
+    if Path("/dev/full").exists():
+        with pytest.raises(UsageError, match="/dev/full"):
+            csv(log, Path("/dev/full"), Options())
+    path = tmp_path / "estimate.csv"
+    path.write_text("before\n" * 100_000)
+    with pytest.raises(UsageError, match="9-9"):
+        csv(log, path, Options(vehicle="9-9"))
+    assert path.read_text() == "before\n" * 100_000
+    assert csv(log, path, Options())[0].startswith(b"vehicle,session")

@@ -92,4 +92,4 @@ def test_a_flood_is_bounded() -> None:
         assert sum(map(len, recent._waiting)) <= 2 * WAITING + 1000
     found = recent.report(30.0, 5.0, MAIN, 100.0)
     assert {each.count for each in found.values()} == {NEWEST}
-    assert {len(rows) for rows, _ in recent._kept.values()} == {2 * NEWEST}
+    assert {(len(rows), int(last - first)) for rows, (first, last) in recent._kept.values()} == {(2 * NEWEST, NEWEST)}

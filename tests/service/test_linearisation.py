@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from mavkf.estimate import Status
-from mavkf.models.strapdown import THETA
+from mavkf.models.strapdown import THETA, Q
 from mavkf.navigation import layout as L
 from mavkf.navigation.pose import pose_row
+from mavkf.replay.linearity import shares_at
 from mavkf.replay.options import Options, Watch
 from mavkf.replay.results import SessionResult
 from mavkf.replay.run import run
@@ -53,3 +54,9 @@ def test_a_filter_that_knows_little_is_told_so(flown: tuple[SessionResult, list[
     for k in range(1, 9):
         found = recent.report(now + k * EVERY, row, state)
     assert found["prediction"].verdict == "broken" and "not enough" in found["prediction"].sentence
+
+
+def test_of_a_covariance_that_is_not_finite_nothing_is_said() -> None:
+    x = np.zeros(L.X_SIZE)
+    x[Q] = 1.0
+    assert list(shares_at(x, np.full((30, 30), np.nan), np.zeros(3), np.zeros(3), {}, 0.2)) == []

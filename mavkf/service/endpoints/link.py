@@ -65,8 +65,9 @@ class Link:
     def close(self) -> None:
         """Make `receive` return soon, and give the device back when it has, or now where it never ran."""
         self.closed.set()
-        if self._untaken is not None:
-            self._untaken.close()
+        untaken = self._untaken  # once: the receiver may take it now
+        if untaken is not None:
+            untaken.close()
 
 
 class BackOff:
