@@ -5,7 +5,7 @@ import mmap
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import kernel, long_kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import fold
 from mavkf.navigation.parameter import Parameter
@@ -106,7 +106,7 @@ def place_event(row, number, delays, event):
     event[L.EVENT_ID] = number
 
 
-@kernel
+@long_kernel
 def place_events(rows, index, numbers, delays, events):
     """Fill events (m, EVENT_WIDTH) with the rows at an index (m,), as of `place_event`, with these running numbers (m,)."""
     for i in range(index.size):
@@ -154,7 +154,7 @@ def is_full(count, poses, out):
     return count >= poses.shape[0] or counts[0] + ROOM > out[0].shape[0] or counts[1] + ROOM > out[1].shape[0]
 
 
-@kernel
+@long_kernel
 def run_batch(s, events, first, slot, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.
 
