@@ -16,6 +16,10 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.runtime import _nrt_python
 
 _loading = RLock()
+IS_KNOWN = all(hasattr(JITCodeLibrary, name) for name in ("_finalize_final_module", "_set_compiled_object")) and all(
+    hasattr(owner, name) for owner, name in ((_nrt_python, "c_helpers"), (FunctionCache, "_load_overload"))
+)
+"""Whether numba has inside what is used of it here; another version that has not is left to do it in its own way."""
 
 
 class Cache(FunctionCache):  # type: ignore[misc]
@@ -23,6 +27,8 @@ class Cache(FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function of a signature, None if it is not in the cache."""
+        if not IS_KNOWN:
+            return super().load_overload(sig, target_context)
         _name_helpers()
         with self._guard_against_spurious_io_errors(), _loaded_lightly(target_context.codegen()):
             return self._load_overload(sig, target_context)

@@ -8,10 +8,8 @@ from mavkf.replay.innovations import Innovations, kinds, of_one
 from mavkf.samples import Source
 
 Array = NDArray[np.float64]
-EACH, STRETCHES = (
-    500,
-    20,
-)  # rows in a stretch, and how many at most: beyond 10,000 rows BLAS would start threads for each sum
+# Rows in a stretch, and how many at most: beyond 10,000 rows BLAS would start threads for each sum.
+EACH, STRETCHES = 500, 20
 SPEED = L.INNOVATION_WIDTH  # m/s: a column behind those of an innovation row
 MOST_WAITING = 4096  # innovations that wait for the next pose
 

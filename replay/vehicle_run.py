@@ -82,7 +82,7 @@ class OfflineRun:
         self._number = -1
         self._flight: Flight | None = None
         self._open: set[OfflineSession] = set()
-        self.results: list[SessionResult] = []
+        self._results: list[SessionResult] = []
 
     def prepare(self, _: Array, timed: Array, *, last: bool) -> Iterator[Work]:
         """Take rows (n, ROW_WIDTH), and what the boot clock made of them."""
@@ -96,6 +96,10 @@ class OfflineRun:
                 yield from self._arrange(self._flight, rows)
         if last:
             yield from self._end()
+
+    def finish(self) -> list[SessionResult]:
+        """The sessions, when nothing follows."""
+        return self._results
 
     def close(self) -> None:
         """Let go of temporary files."""
@@ -138,7 +142,7 @@ class OfflineRun:
         session.close()
         self._open.discard(session)
         assert session.setup is not None
-        self.results.append(
+        self._results.append(
             SessionResult(
                 self._name,
                 flight.number,
@@ -178,9 +182,8 @@ class LiveRun:
         self._past: dict[int, Past] = {}
         self._ends: dict[int, SessionEstimator] = {}
 
-    @property
-    def results(self) -> list[SessionResult]:
-        """The sessions."""
+    def finish(self) -> list[SessionResult]:
+        """The sessions, when nothing follows."""
         return [self._result(number, end) for number, end in self._ends.items()]
 
     def prepare(self, rows: Array, timed: Array, *, last: bool) -> Iterator[Work]:
@@ -266,8 +269,10 @@ class VehicleRun:
         try:
             for each in works if self._error is None else ():
                 each()
-        except MavkfError as error:  # a forced choice that it cannot serve: this may be no vehicle
-            self._error = error
+        except MavkfError as error:
+            if self._said:
+                raise
+            self._error = error  # a forced choice that it cannot serve: this may be no vehicle
 
     def finish(self) -> list[SessionResult]:
         """Take it that nothing follows; give the sessions. Raises UsageError where a forced choice cannot be served."""
@@ -277,7 +282,7 @@ class VehicleRun:
         self.work(self._prepare(rows, last=True))
         if self._error is not None:
             raise self._error
-        return self._run.results
+        return self._run.finish()
 
     def close(self) -> None:
         """Let go of temporary files."""

@@ -48,7 +48,7 @@ def fold(flight: Flight, *, model: str | None = None, config: Config | None = No
 
     def once() -> float:
         estimator = SessionEstimator(config, RATE_HZ, IMU, model)
-        estimator._decide(flight.rows)
+        estimator.decide(flight.rows)
         assert estimator.setup is not None
         order = EventOrder(estimator.setup, config.timeline.window_s)
         block = np.concatenate(list(order.push(flight.rows, last=True)))

@@ -2,10 +2,10 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import IO, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -121,7 +121,7 @@ def replay(  # noqa: D417 (the rest is described in _console)
         say(f"put into {' + '.join(map(str, logs))}: {ordered}")
     with (
         _progress(max(logs, key=_size)) as progress,
-        _pose_file(jsonl) as file,
+        _pose_file(jsonl) as write,
         CsvFile(csv) if csv is not None else nullcontext() as table,
         _publishing(publish, connect, listen, zenoh_config) as send,
     ):
@@ -130,14 +130,14 @@ def replay(  # noqa: D417 (the rest is described in _console)
             if send is not None:
                 for record in stream.records(step):
                     send(record)
-                    if file is not None and isinstance(record, Pose):
-                        file.write(encode(record) + b"\n")
-            elif file is not None:
-                file.writelines(encode(pose) + b"\n" for pose in stream.poses(step))
+                    if write is not None and isinstance(record, Pose):
+                        write([encode(record) + b"\n"])
+            elif write is not None:
+                write(encode(pose) + b"\n" for pose in stream.poses(step))
 
         watch = Watch(
             progress=progress,
-            step=each if file is not None or send is not None else None,
+            step=each if write is not None or send is not None else None,
             poses=table.take if table is not None else None,
         )
         result = run(logs, options, watch, keep=plot is not None)
@@ -215,18 +215,36 @@ def _progress(log: Path) -> Iterator[Callable[[str, float], object]]:
 
 
 @contextmanager
-def _pose_file(path: Path | None) -> Iterator[IO[bytes] | None]:
+def _pose_file(path: Path | None) -> Iterator[Callable[[Iterable[bytes]], None] | None]:
+    """A function that writes lines to a file; None where there is no file. Raises UsageError where it cannot be written."""
     if path is None:
         yield None
         return
+
+    def unwritable(error: OSError, remedy: str) -> UsageError:
+        return UsageError(f"{path}: cannot be written ({error.strerror}); {remedy}")
+
     try:
         file = path.open("wb")
     except OSError as error:
-        raise UsageError(
-            f"{path}: cannot be written ({error.strerror}); give the path of a file in a folder that exists"
-        ) from None
-    with file:
-        yield file
+        raise unwritable(error, "give the path of a file in a folder that exists") from None
+
+    def write(lines: Iterable[bytes]) -> None:
+        try:
+            file.writelines(lines)
+        except OSError as error:
+            raise unwritable(error, "make room, or give another path") from None
+
+    try:
+        yield write
+    except BaseException:
+        with suppress(OSError):  # of what was not written: the first error is told
+            file.close()
+        raise
+    try:
+        file.close()
+    except OSError as error:
+        raise unwritable(error, "make room, or give another path") from None
 
 
 @contextmanager

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from mavkf.compiled import link_apart
 from mavkf.config import Config
+from mavkf.navigation import history
 from mavkf.navigation import layout as L
-from mavkf.navigation import timeline
 from mavkf.navigation.events import Arrivals
 from mavkf.navigation.parameter import PARAMETERS
 from mavkf.navigation.propagation import begin
@@ -69,18 +69,18 @@ class SessionEstimator:
         self._lag = lag_s
         self._arrivals: Arrivals | None = None
         self._lagging: FixedLag | None = None
-        self._waiting: list[Array] = []
+        self.waiting: list[Array] = []
         self._first_sensor = np.nan
 
     @property
     def late(self) -> int:
         """Events dropped because they were older than the window."""
-        return 0 if self._arrivals is None else int(self._cursor[timeline.LATE])
+        return 0 if self._arrivals is None else int(self._cursor[history.LATE])
 
     def push(self, rows: Array) -> Iterator[Output]:
         """Take rows (n, ROW_WIDTH) in the order of arrival; yields outputs as they arise, none while the set-up is open."""
         if self.setup is None:
-            waited, rows = self._decide(rows)
+            waited, rows = self.decide(rows)
             if self.setup is None:
                 return
             for output in self._run(waited):
@@ -92,10 +92,10 @@ class SessionEstimator:
 
     def finish(self) -> Iterator[Output]:
         """Decide the set-up with what there is, if it is still open, and run what waited."""
-        if self.setup is None and self._waiting:
-            waiting = np.concatenate(self._waiting)
-            self._waiting = []
-            self._start(waiting)
+        if self.setup is None and self.waiting:
+            waiting = np.concatenate(self.waiting)
+            self.waiting = []
+            self.start(waiting)
             yield from self._run(waiting)
 
     def smoothed(self, now: float) -> Array:
@@ -113,7 +113,7 @@ class SessionEstimator:
         assert setup is not None
         return too_late(rows, setup.stated, self.config.vehicle, setup.gnss, setup.magnetometer)
 
-    def _decide(self, rows: Array) -> tuple[Array, Array]:
+    def decide(self, rows: Array) -> tuple[Array, Array]:
         """Keep rows until the set-up's time is over; returns those that waited for it, once it is, and those that came after."""
         for i in range(rows.shape[0]):
             row = rows[i]
@@ -122,23 +122,24 @@ class SessionEstimator:
                     continue
                 self._first_sensor = row[TIME]
                 # what came long before the first sensor says nothing about it
-                before = np.concatenate([*self._waiting, rows[:i]])
-                self._waiting = [before[-EARLY:]]
-                return self._decide(rows[i:])
+                before = np.concatenate([*self.waiting, rows[:i]])
+                self.waiting = [before[-EARLY:]]
+                return self.decide(rows[i:])
             if row[TIME] - self._first_sensor >= self.config.timeline.setup_s:
-                seen = np.concatenate([*self._waiting, rows[: i + 1]])
+                seen = np.concatenate([*self.waiting, rows[: i + 1]])
                 patient = row[TIME] - self._first_sensor < LONGEST_SETUP * self.config.timeline.setup_s
                 if patient and not np.any(seen[:, KIND] == Kind.IMU):
                     continue
-                self._waiting = []
-                self._start(seen)
+                self.waiting = []
+                self.start(seen)
                 return seen, rows[i + 1 :]
-        self._waiting.append(rows.copy())
+        self.waiting.append(rows.copy())
         if not self.has_sensor:
-            self._waiting = [np.concatenate(self._waiting)[-EARLY:]]
+            self.waiting = [np.concatenate(self.waiting)[-EARLY:]]
         return rows[:0], rows[:0]
 
-    def _start(self, seen: Array) -> None:
+    def start(self, seen: Array) -> None:
+        """Decide the set-up from the rows (n, ROW_WIDTH) that were seen. Raises UsageError where a forced choice cannot be served."""
         self.setup = choose(seen, self.config, self.imu, self.model)
         self.parameters = parameters(self.config, self.setup)
         begin(self.state, self.parameters)
@@ -148,7 +149,7 @@ class SessionEstimator:
             self._lagging = FixedLag(self.state, self.parameters, self.rate, self._lag)
 
     def _allocate(self) -> None:
-        self._events, self._snapshots, self._cursor, self._marks = timeline.history(HISTORY)
+        self._events, self._snapshots, self._cursor, self._marks = history.history(HISTORY)
         self._out = L.buffers(BUFFER, BUFFER, HISTORY)
         self._poses = np.empty((BUFFER, L.POSE_WIDTH))
 
@@ -164,7 +165,7 @@ class SessionEstimator:
         innovations, notes, counts = self._out[:3]
         while i < events.shape[0]:
             counts[:] = 0
-            i, n = timeline.run_live(
+            i, n = history.run_live(
                 self.state,
                 events,
                 i,

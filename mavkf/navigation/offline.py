@@ -97,12 +97,12 @@ class OfflineSession:
         last: nothing follows.
         """
         if self.setup is None:
-            waited, rows = self._decider._decide(rows)
+            waited, rows = self._decider.decide(rows)
             if self.setup is None:
                 if not last:
                     return
-                waited = np.concatenate([waited, *self._decider._waiting])
-                self._decider._start(waited)
+                waited = np.concatenate([waited, *self._decider.waiting])
+                self._decider.start(waited)
             self._begin()
             self._tell_late(rows)
             rows = np.concatenate([waited, rows])

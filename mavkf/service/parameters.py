@@ -14,11 +14,8 @@ from mavkf.navigation.delays import ARDUPILOT, PX4
 from mavkf.samples import AutopilotParameter as Name
 from mavkf.service.streams import message_bytes
 
-ROUNDS_S = (
-    1.0,
-    2.0,
-    1.0,
-)  # after each round of questions, for its answers: all within the time in which the sensors are chosen
+# After each round of questions, for its answers: all within the time in which the sensors are chosen.
+ROUNDS_S = (1.0, 2.0, 1.0)
 LEAST_GAP_S = 0.02  # between questions: ArduPilot's queue holds 20
 BURST_S = 0.2  # of gaps that may be made up for
 QUESTIONS: dict[int, tuple[tuple[Name, ...], ...]] = {

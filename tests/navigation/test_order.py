@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mavkf.config import Config
+from mavkf.navigation import history as live
 from mavkf.navigation import layout as L
 from mavkf.navigation import timeline
 from mavkf.navigation.codes import SENSORS, NoteCode, Sensor
@@ -200,24 +201,24 @@ def run_with_history(events: Array, c: Array, capacity: int) -> tuple[Array, Arr
     """State and cursor of a live run whose history holds `capacity` events."""
     state, poses = np.empty(L.STATE_SIZE), np.empty((BUFFER, L.POSE_WIDTH))
     begin(state, c)
-    history, snapshots, cursor, marks = timeline.history(capacity)
+    held, snapshots, cursor, marks = live.history(capacity)
     out = L.buffers(BUFFER, BUFFER, 4 * capacity)
     i = 0
     while i < events.shape[0]:
         out[2][:] = 0
-        i, _ = timeline.run_live(state, events, i, c, 50.0, 3.0, history, snapshots, cursor, marks, poses, out)
-    assert cursor[timeline.EVENTS] <= capacity < events.shape[0]
+        i, _ = live.run_live(state, events, i, c, 50.0, 3.0, held, snapshots, cursor, marks, poses, out)
+    assert cursor[live.EVENTS] <= capacity < events.shape[0]
     return state, cursor
 
 
 def test_a_history_takes_the_memory_that_its_window_needs(rows: Array) -> None:
     estimator, _ = run(rows)
     needed = CONFIG.timeline.window_s * rows.shape[0] / (rows[-1, TIME] - rows[0, TIME])
-    most = 1.5 * (needed + timeline.COARSE) + timeline.FEWEST
+    most = 1.5 * (needed + live.COARSE) + live.FEWEST
     # what is not in use takes no memory: it was never written
     assert needed < np.flatnonzero(estimator._events.any(axis=1)).max() + 1 <= most
     written = np.flatnonzero(estimator._snapshots[:, : L.HALF].any(axis=1)).max() + 1
-    assert 2 * timeline.RING < written <= 2 * timeline.RING + most / timeline.COARSE + 1
+    assert 2 * live.RING < written <= 2 * live.RING + most / live.COARSE + 1
 
 
 def test_a_full_history_forgets_its_older_half_and_nothing_else(rows: Array, batch: Offline) -> None:
@@ -229,10 +230,10 @@ def test_a_full_history_forgets_its_older_half_and_nothing_else(rows: Array, bat
 
 def test_of_a_long_flight_little_more_than_the_window_is_kept(rows: Array) -> None:
     estimator, _ = run(rows)
-    t = estimator._events[: estimator._cursor[timeline.EVENTS], TIME]
+    t = estimator._events[: estimator._cursor[live.EVENTS], TIME]
     inside = int(np.count_nonzero(t >= t[-1] - CONFIG.timeline.window_s))
     assert inside < len(t) < len(rows) // 4
-    assert len(t) <= (inside + timeline.COARSE) * 1.5 + timeline.FEWEST
+    assert len(t) <= (inside + live.COARSE) * 1.5 + live.FEWEST
 
 
 def test_older_than_the_history_is_counted_and_dropped(rows: Array, batch: Offline) -> None:
@@ -243,7 +244,7 @@ def test_older_than_the_history_is_counted_and_dropped(rows: Array, batch: Offli
     for capacity in (256, 320, 384):
         late = np.concatenate([events[:held], events[held + 1 : place], events[held : held + 1], events[place:]])
         state, cursor = run_with_history(late, batch.parameters, capacity)
-        assert cursor[timeline.LATE] == 1
+        assert cursor[live.LATE] == 1
         assert (
             differences(state, run_with_history(np.delete(events, held, axis=0), batch.parameters, capacity)[0]) == []
         )
@@ -255,9 +256,9 @@ def test_what_fills_the_history_and_is_older_than_what_stays_is_dropped(rows: Ar
     for place in range(held + capacity // 2, held + capacity):
         late = np.concatenate([events[:held], events[held + 1 : place], events[held : held + 1]])
         state, cursor = run_with_history(late, batch.parameters, capacity)
-        same = events[:place] if cursor[timeline.LATE] == 0 else np.delete(events[:place], held, axis=0)
+        same = events[:place] if cursor[live.LATE] == 0 else np.delete(events[:place], held, axis=0)
         assert differences(state, run_with_history(same, batch.parameters, capacity)[0]) == [], place
-        found.add(int(cursor[timeline.LATE]))
+        found.add(int(cursor[live.LATE]))
     assert found == {0, 1}
 
 
