@@ -184,6 +184,7 @@ class Status(Head, frozen=True, kw_only=True):
         come: what it says is stale.
     innovations: by sensor (names as of the keys of innovations; a second receiver has its message behind), of the last minute.
     condition: condition number of the covariance, each state in units of its sigma; 1e8 costs half of the digits; None: not a covariance.
+        Judged every five seconds.
     covariance: what that means, in one sentence.
     linearisation: by sensor whose model is not linear, and "prediction"; judged every ten seconds.
     """

@@ -24,14 +24,17 @@ class Datagram(NamedTuple):
 
 
 def vehicles(count: int, duration_s: float, imu_hz: int) -> list[Datagram]:
-    """Frames of vehicles 1 to count at rest, in the order of time: IMU, GNSS at 5 Hz (late, as fixes are), pressure, heartbeat."""
+    """Frames of vehicles 1 to count at rest, in the order of time: IMU, GNSS at 5 Hz (late, as fixes are), pressure, heartbeat.
+
+    Each at its own phase of a second.
+    """
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
     random = np.random.default_rng(1)
     result: list[Datagram] = []
     for vehicle in range(1, count + 1):
         sender = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=1)
-        phase = vehicle * 1_000_000 // imu_hz // count
+        phase = (vehicle - 1) * 1_000_000 // count  # autopilots do not know of each other
         noise = random.integers(-5, 6, (int(duration_s * imu_hz), 9)).tolist()
         for k, draw in enumerate(noise):
             us = BOOT_US + k * 1_000_000 // imu_hz

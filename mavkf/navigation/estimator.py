@@ -34,6 +34,7 @@ LONGEST_SETUP = 4  # times the set-up time, where no IMU is heard
 HISTORY = 16_384  # events kept for late ones: five seconds at 3 kHz
 BUFFER = 1_024
 EARLY = 256  # rows kept from before the first sensor's
+PARAMETER_KIND = int(Kind.PARAMETER)
 
 
 class Output(msgspec.Struct):
@@ -87,7 +88,8 @@ class SessionEstimator:
                 # they are as old as the set-up is long: nobody would want them now, in a burst
                 output.poses = output.poses[:0]
                 yield output
-        self.late_parameters.update(self.too_late(rows))
+        if (rows[:, KIND] == PARAMETER_KIND).any():
+            self.late_parameters.update(self.too_late(rows))
         yield from self._run(rows)
 
     def finish(self) -> Iterator[Output]:

@@ -13,11 +13,12 @@ Array = NDArray[np.float64]
 WINDOW = 60.0  # s
 NEWEST = 256  # rows of one sensor and source
 WAITING = 4096  # rows between two reports
+JUDGED_EVERY = 2  # reports, between one sensor and the next
 SPEED = L.INNOVATION_WIDTH  # m/s: a column behind those of an innovation row
 
 
 class RecentInnovations:
-    """What each sensor has shown of late. One of them is judged in each report, in turn; NIS is of all."""
+    """What each sensor has shown of late. One of them is judged in every second report, in turn; NIS is of all."""
 
     def __init__(self) -> None:
         """Nothing has come yet."""
@@ -64,9 +65,9 @@ class RecentInnovations:
 
     def _judged(self, found: dict[int, Consistency], main: float, imu_rate_hz: float) -> dict[str, Consistency]:
         """By name, each with the sentence of when it was judged last: the next of them now."""
-        if found:
-            self._turn = (self._turn + 1) % len(found)
-            each = list(found)[self._turn]
+        self._turn += 1
+        if found and self._turn % JUDGED_EVERY == 0:
+            each = list(found)[self._turn // JUDGED_EVERY % len(found)]
             rows, (first, last) = self._kept[each]
             judged = of_one(rows[first:last], rows[first:last, SPEED], main)
             self._sentences[each] = judged.sentence(judged.consequences(), imu_rate_hz)

@@ -30,6 +30,7 @@ from mavkf.service.utc import UtcClock
 
 Array = NDArray[np.float64]
 LINK_GAP_S = 3.0
+CONDITION_EVERY = 5  # statuses: eigenvalues take half a millisecond, and change slowly
 KINDS = {Kind.IMU: "imu", Kind.GNSS: "gnss", Kind.MAGNETOMETER: "magnetometer", Kind.BAROMETER: "barometer"}
 SYSTEM_TIME = int(Kind.SYSTEM_TIME)
 SPREAD = 2_654_435_769
@@ -85,6 +86,8 @@ class VehicleStream:
         self._status_counts: dict[str, int] = {}
         self._recent = RecentInnovations()
         self._linearisation = RecentLinearisation()
+        self._judged = 0
+        self._condition: tuple[float | None, str | None] = (None, None)
         self._late_told = False
         if session >= 0:
             self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model, self._lag)
@@ -241,11 +244,15 @@ class VehicleStream:
             return {}
         state, now = estimator.state, self._newest
         speed = math.hypot(row[L.R_V], row[L.R_V + 1])
-        condition = judge_condition(L.covariance(state))
+        if self._judged % CONDITION_EVERY == 0:
+            condition = judge_condition(L.covariance(state))
+            self._condition = condition.value if math.isfinite(condition.value) else None, condition.sentence
+        self._judged += 1
+        number, sentence = self._condition
         return {
             "innovations": self._recent.report(now, speed, state[L.MAIN], estimator.setup.imu_rate_hz),
-            "condition": condition.value if math.isfinite(condition.value) else None,
-            "covariance": condition.sentence,
+            "condition": number,
+            "covariance": sentence,
             "linearisation": self._linearisation.report(now, row, state),
         }
 
