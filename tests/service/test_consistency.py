@@ -7,7 +7,7 @@ from mavkf.estimate import Consistency
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
 from mavkf.samples import Source
-from mavkf.service.consistency import NEWEST, WAITING, WINDOW, RecentInnovations
+from mavkf.service.consistency import JUDGED_EVERY, NEWEST, WAITING, WINDOW, RecentInnovations
 
 MAIN = float(Source.GPS_RAW_INT)
 SENSORS = ((Sensor.GNSS_POSITION, Source.GPS_RAW_INT, 3), (Sensor.BAROMETER, Source.SCALED_PRESSURE, 1))
@@ -62,8 +62,8 @@ def test_cutting_the_rows_otherwise_changes_nothing() -> None:
 def test_what_is_older_than_the_window_is_forgotten() -> None:
     recent = RecentInnovations()
     recent.take(innovations(0.0, 50, 3.0))
-    for t in (6.0, 7.0):
-        before = recent.report(t, 5.0, MAIN, 100.0)
+    for t in range(6, 6 + 2 * JUDGED_EVERY):  # each of the two has had its turn
+        before = recent.report(float(t), 5.0, MAIN, 100.0)
     assert all(each.sentence for each in before.values())
     recent.take(innovations(60.0, 30))
     after = recent.report(WINDOW + 4.95, 5.0, MAIN, 100.0)
