@@ -59,20 +59,13 @@ def propagate_covariance(P, Phi):
                 + ((p8 * P[8, j] + p9 * P[9, j]) + (p10 * P[10, j] + p11 * P[11, j]))
                 + ((p12 * P[12, j] + p13 * P[13, j]) + p14 * P[14, j])
             )
-    turned = matrix(TOP, 9)  # Phi', so that the sums run along rows
-    for k in range(TOP):
-        for j in range(9):
-            turned[k, j] = Phi[j, k]
-    row = vector(9)
     for i in range(9):
-        for j in range(9):
-            row[j] = 0.0
-        for k in range(TOP):
-            for j in range(9):
-                row[j] += A[i, k] * turned[k, j]
         for j in range(i, 9):
-            P[i, j] = row[j]
-            P[j, i] = row[j]
+            total = 0.0
+            for k in range(TOP):
+                total += A[i, k] * Phi[j, k]
+            P[i, j] = total
+            P[j, i] = total
         for j in range(9, n):
             P[i, j] = A[i, j]
             P[j, i] = A[i, j]
