@@ -7,14 +7,12 @@ fleet that was switched on together all come at once.
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.config import Config
-from mavkf.diagnostics.covariance import judge_condition
 from mavkf.estimate import Event, Pose, Record, Status
 from mavkf.link.clocks import VehicleClock
 from mavkf.navigation import layout as L
@@ -24,13 +22,11 @@ from mavkf.navigation.pose import pose_row
 from mavkf.navigation.records import MODES, SENSOR_NAMES, RecordWriter, flag_names, model_name, validity
 from mavkf.navigation.stated import late_words
 from mavkf.samples import ARRIVAL, KIND, SESSION, TIME, UNIX_US, Kind, Source
-from mavkf.service.consistency import RecentInnovations
-from mavkf.service.linearisation import RecentLinearisation
+from mavkf.service.judgement import Judgement
 from mavkf.service.utc import UtcClock
 
 Array = NDArray[np.float64]
 LINK_GAP_S = 3.0
-CONDITION_EVERY = 5  # statuses: eigenvalues take half a millisecond, and change slowly
 KINDS = {Kind.IMU: "imu", Kind.GNSS: "gnss", Kind.MAGNETOMETER: "magnetometer", Kind.BAROMETER: "barometer"}
 SYSTEM_TIME = int(Kind.SYSTEM_TIME)
 SPREAD = 2_654_435_769
@@ -84,10 +80,7 @@ class VehicleStream:
         self._poses: int | None = None  # nothing has come of the estimator yet
         self._status_time = math.nan
         self._status_counts: dict[str, int] = {}
-        self._recent = RecentInnovations()
-        self._linearisation = RecentLinearisation()
-        self._judged = 0
-        self._condition: tuple[float | None, str | None] = (None, None)
+        self._judgement = Judgement()
         self._late_told = False
         if session >= 0:
             self.estimator = SessionEstimator(self.config, self.rate, self.imu, self.model, self._lag)
@@ -195,8 +188,7 @@ class VehicleStream:
     def _step(self, output: Output) -> Step:
         self._poses = (self._poses or 0) + len(output.poses)
         if len(output.innovations):
-            self._recent.take(output.innovations)
-            self._linearisation.take(output.innovations)
+            self._judgement.take(output.innovations)
             count_innovations(output.innovations, self._tally.sensors)
         return Step(self.session, output)
 
@@ -225,6 +217,8 @@ class VehicleStream:
             for name in [*KINDS.values(), "poses"]
         }
         last = self._tally.newest.tolist()
+        setup = self.estimator.setup
+        judged = self._judgement.report(now, row, self.estimator.state, setup.imu_rate_hz) if setup is not None else {}
         self._status_time, self._status_counts = now, counts
         return Status(
             **self.writer.head("status", self.session, now),
@@ -235,26 +229,8 @@ class VehicleStream:
             rates_hz=rates,
             counts=counts | state_counts(self.estimator),
             age_s={name: now - last[kind] if math.isfinite(last[kind]) else None for kind, name in KINDS.items()},
-            **self._judgement(self.estimator, row),
+            **judged,
         )
-
-    def _judgement(self, estimator: SessionEstimator, row: Array) -> dict[str, Any]:
-        """What recent innovations, the covariance and the curvature of the models say. row: the pose row (POSE_WIDTH,) of now."""
-        if estimator.setup is None:
-            return {}
-        state, now = estimator.state, self._newest
-        speed = math.hypot(row[L.R_V], row[L.R_V + 1])
-        if self._judged % CONDITION_EVERY == 0:
-            condition = judge_condition(L.covariance(state))
-            self._condition = condition.value if math.isfinite(condition.value) else None, condition.sentence
-        self._judged += 1
-        number, sentence = self._condition
-        return {
-            "innovations": self._recent.report(now, speed, state[L.MAIN], estimator.setup.imu_rate_hz),
-            "condition": number,
-            "covariance": sentence,
-            "linearisation": self._linearisation.report(now, row, state),
-        }
 
     def records(self, step: Step, *, is_late: bool = False) -> Iterator[Record]:
         """The records of a step, in the order in which they are published.

@@ -12,6 +12,7 @@ from mavkf.replay.options import Options, Watch
 from mavkf.replay.results import SessionResult
 from mavkf.replay.run import run
 from mavkf.replay.simulation import simulate
+from mavkf.service.judgement import CONDITION_EVERY, Judgement
 from mavkf.service.linearisation import EVERY, RecentLinearisation
 
 
@@ -60,3 +61,20 @@ def test_of_a_covariance_that_is_not_finite_nothing_is_said() -> None:
     x = np.zeros(L.X_SIZE)
     x[Q] = 1.0
     assert list(shares_at(x, np.full((30, 30), np.nan), np.zeros(3), np.zeros(3), {}, 0.2)) == []
+
+
+def test_the_condition_of_the_covariance_is_looked_at_every_fifth_time(
+    flown: tuple[SessionResult, list[Status]],
+) -> None:
+    session, statuses = flown
+    assert all(status.condition is None or 1.0 <= status.condition < 1e8 for status in statuses)
+    state, row = session.state.copy(), np.zeros(L.POSE_WIDTH)
+    pose_row(state, session.parameters, row)
+    judgement, found = Judgement(), []
+    for k in range(CONDITION_EVERY + 1):
+        found.append(judgement.report(float(k), row, state, 50.0)["condition"])
+        P = L.covariance(state)
+        P[:, :] = np.diag(np.diag(P))
+        P[THETA, THETA + 1] = P[THETA + 1, THETA] = 0.5 * np.sqrt(P[THETA, THETA] * P[THETA + 1, THETA + 1])
+    assert len(set(found[:-1])) == 1 and found[0] > 10.0
+    assert found[-1] == pytest.approx(3.0)  # the eigenvalues of two correlated by a half: 1.5 and 0.5
