@@ -8,7 +8,7 @@ import math
 
 from mavkf.compiled import NOTHING, VECTOR, compiled_apart, fused_kernel, kernel
 from mavkf.models import constant_velocity, strapdown
-from mavkf.models.strapdown import DBA, DBARO, DBG, DDELAY, DGNSS, GNSS, SUMS, THETA, TOP, VEL
+from mavkf.models.strapdown import DBA, DBARO, DBG, DDELAY, DGNSS, GNSS, POS, SUMS, THETA, TOP, VEL
 from mavkf.navigation import layout as L
 from mavkf.navigation.layout import OUT
 from mavkf.navigation.monitors import follow_decay, follow_transition
@@ -44,20 +44,45 @@ def add_noise(s, c, gyro, accel, dt, P):
 
 @fused_kernel
 def propagate_covariance(P, Phi):
-    """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity."""
+    """P <- Phi P Phi' where Phi (9, TOP) holds the rows that are not the identity.
+
+    What neither model couples is not read: attitude does not follow position and the accelerometer's biases, velocity follows the height of
+    all positions only, a position only its own velocity and itself.
+    """
     n = P.shape[0]
     A = matrix(9, n)
-    for i in range(9):
-        p0, p1, p2, p3, p4 = Phi[i, 0], Phi[i, 1], Phi[i, 2], Phi[i, 3], Phi[i, 4]
-        p5, p6, p7, p8, p9 = Phi[i, 5], Phi[i, 6], Phi[i, 7], Phi[i, 8], Phi[i, 9]
-        p10, p11, p12, p13, p14 = Phi[i, 10], Phi[i, 11], Phi[i, 12], Phi[i, 13], Phi[i, 14]
+    # written out, so that it is done for several j at once
+    for i in range(3):
+        t0, t1, t2 = Phi[i, THETA], Phi[i, THETA + 1], Phi[i, THETA + 2]
+        v0, v1 = Phi[i, VEL], Phi[i, VEL + 1]
+        g0, g1, g2 = Phi[i, DBG], Phi[i, DBG + 1], Phi[i, DBG + 2]
         for j in range(n):
-            # written out (TOP terms), so that it is done for several j at once
+            A[i, j] = ((t0 * P[THETA, j] + t1 * P[THETA + 1, j]) + (t2 * P[THETA + 2, j] + v0 * P[VEL, j])) + (
+                (v1 * P[VEL + 1, j] + g0 * P[DBG, j]) + (g1 * P[DBG + 1, j] + g2 * P[DBG + 2, j])
+            )
+    for i in range(VEL, VEL + 3):
+        t0, t1, t2 = Phi[i, THETA], Phi[i, THETA + 1], Phi[i, THETA + 2]
+        v0, v1, v2, h = Phi[i, VEL], Phi[i, VEL + 1], Phi[i, VEL + 2], Phi[i, POS + 2]
+        g0, g1, g2 = Phi[i, DBG], Phi[i, DBG + 1], Phi[i, DBG + 2]
+        b0, b1, b2 = Phi[i, DBA], Phi[i, DBA + 1], Phi[i, DBA + 2]
+        for j in range(n):
             A[i, j] = (
-                ((p0 * P[0, j] + p1 * P[1, j]) + (p2 * P[2, j] + p3 * P[3, j]))
-                + ((p4 * P[4, j] + p5 * P[5, j]) + (p6 * P[6, j] + p7 * P[7, j]))
-                + ((p8 * P[8, j] + p9 * P[9, j]) + (p10 * P[10, j] + p11 * P[11, j]))
-                + ((p12 * P[12, j] + p13 * P[13, j]) + p14 * P[14, j])
+                ((t0 * P[THETA, j] + t1 * P[THETA + 1, j]) + (t2 * P[THETA + 2, j] + v0 * P[VEL, j]))
+                + ((v1 * P[VEL + 1, j] + v2 * P[VEL + 2, j]) + (h * P[POS + 2, j] + g0 * P[DBG, j]))
+                + ((g1 * P[DBG + 1, j] + g2 * P[DBG + 2, j]) + (b0 * P[DBA, j] + b1 * P[DBA + 1, j]))
+                + b2 * P[DBA + 2, j]
+            )
+    for i in range(POS, POS + 3):
+        own = VEL + i - POS
+        t0, t1, t2 = Phi[i, THETA], Phi[i, THETA + 1], Phi[i, THETA + 2]
+        v, p = Phi[i, own], Phi[i, i]
+        g0, g1, g2 = Phi[i, DBG], Phi[i, DBG + 1], Phi[i, DBG + 2]
+        b0, b1, b2 = Phi[i, DBA], Phi[i, DBA + 1], Phi[i, DBA + 2]
+        for j in range(n):
+            A[i, j] = (
+                ((t0 * P[THETA, j] + t1 * P[THETA + 1, j]) + (t2 * P[THETA + 2, j] + v * P[own, j]))
+                + ((p * P[i, j] + g0 * P[DBG, j]) + (g1 * P[DBG + 1, j] + g2 * P[DBG + 2, j]))
+                + ((b0 * P[DBA, j] + b1 * P[DBA + 1, j]) + b2 * P[DBA + 2, j])
             )
     for i in range(9):
         for j in range(i, 9):

@@ -1,15 +1,25 @@
 """Prediction of the covariance by blocks against the dense product, and its shape over a whole run."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import sympy
 
-from mavkf.models.strapdown import TOP, N
+from mavkf.models import constant_velocity, strapdown
+from mavkf.models.strapdown import DBG, POS, SUMS, THETA, TOP, VEL, X_SIZE, N
 from mavkf.navigation import layout as L
 from mavkf.navigation.covariance import propagate_covariance
 from mavkf.navigation.offline import Offline
 
 Array = np.ndarray
+COUPLED = np.zeros((9, TOP), dtype=bool)
+"""Which states (columns) attitude, velocity and position (rows) follow in the models."""
+COUPLED[:3, [THETA, THETA + 1, THETA + 2, VEL, VEL + 1, DBG, DBG + 1, DBG + 2]] = True
+COUPLED[3:6] = True
+COUPLED[3:6, POS : POS + 2] = False
+COUPLED[6:9] = True
+COUPLED[6:9, VEL : POS + 3] = np.hstack([np.eye(3), np.eye(3)])
 
 
 def dense(Phi: Array) -> Array:
@@ -19,11 +29,20 @@ def dense(Phi: Array) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("model", [strapdown, constant_velocity])
+def test_no_model_couples_what_is_not_read(model: Any, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    x, sums, Phi = random.normal(size=X_SIZE), random.normal(size=SUMS), np.full((9, TOP), np.nan)
+    model.transition(x, sums, 0.1, Phi)
+    np.testing.assert_array_equal(Phi[~COUPLED], 0.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
 def test_blocks_equal_the_dense_product(seed: int) -> None:
     random = np.random.default_rng(seed)
     A = random.normal(size=(N, N + 2))
     P = A @ A.T
-    Phi = random.normal(size=(9, TOP)) * (random.random((9, TOP)) < 0.6)
+    Phi = random.normal(size=(9, TOP)) * COUPLED
     expected = dense(Phi) @ P @ dense(Phi).T
     propagate_covariance(P, Phi)
     np.testing.assert_allclose(P, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
