@@ -17,12 +17,16 @@ from mavkf.navigation.tape import is_detailed, is_recording, record_noise, recor
 from mavkf.navigation.tape_detail import record_snapshot
 from mavkf.stack import matrix, vector
 
+NOISY = DDELAY + 1  # error states to which time adds variance are among the first of so many
 RHYTHM = 50.0  # Hz: as often as poses are told; over 20 ms the noise is as good as white
 
 
 @kernel
 def added_noise(s, c, gyro, accel, dt, q):
-    """Fill q (n,) with the variances that dt adds: `gyro` (rad^2) and `accel` ((m/s)^2) of the IMU's noise, and the walks of the biases."""
+    """Fill q (NOISY at least) with the variances that dt adds.
+
+    gyro (rad^2), accel ((m/s)^2): of the IMU's noise; the walks of the biases are added to them.
+    """
     q[:] = 0.0
     for i in range(3):
         q[THETA + i] = gyro
@@ -36,9 +40,9 @@ def added_noise(s, c, gyro, accel, dt, q):
 @kernel
 def add_noise(s, c, gyro, accel, dt, P):
     """Add the variances of `added_noise` to the diagonal of P."""
-    q = vector(P.shape[0])
+    q = vector(NOISY)
     added_noise(s, c, gyro, accel, dt, q)
-    for i in range(P.shape[0]):
+    for i in range(NOISY):
         P[i, i] += q[i]
 
 
