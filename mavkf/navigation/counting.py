@@ -11,6 +11,7 @@ from mavkf.navigation.codes import SENSORS
 from mavkf.samples import KIND, SESSION, TIME, Kind
 
 KINDS = max(Kind) + 1
+SYSTEM_TIME_KIND = int(Kind.SYSTEM_TIME)
 # Times of a session, s, that go with the counts
 NEWEST, BEFORE = range(2)  # newest boot time (-inf: none), and what it was before the last row
 FUSED, REFUSED = range(2)
@@ -36,6 +37,7 @@ class Counts:
 def take_part(rows: Any, first: int, phase: float, times: Any, kinds: Any, newest: Any) -> tuple[int, int]:
     """Count timed rows from index `first` on, to the end of the session or to the row with which something becomes due.
 
+    A report of the time begins another part: what was before it is told by what was known then, however rows are cut into calls.
     rows: (n, ROW_WIDTH), those of later sessions behind. phase: s after each full second of the newest time at which a status is due.
     Returns the index to go on from, and what is due: bits SECOND, where the newest time has entered another, and STATUS.
     """
@@ -44,6 +46,8 @@ def take_part(rows: Any, first: int, phase: float, times: Any, kinds: Any, newes
         if rows[i, SESSION] != session:
             return i, 0
         t, kind = rows[i, TIME], int(rows[i, KIND])
+        if kind == SYSTEM_TIME_KIND and i > first:
+            return i, 0
         kinds[kind] += 1
         newest[kind] = max(newest[kind], t)
         times[BEFORE] = times[NEWEST]

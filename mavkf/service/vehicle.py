@@ -124,12 +124,10 @@ class VehicleStream:
             if session != self.session:
                 yield from self._change_session(session, float(rows[i, TIME]), float(rows[i, ARRIVAL]))
             tally, first = self._tally, i
-            reports = tally.kinds[SYSTEM_TIME]
             i, due = take_part(rows, i, self._phase, tally.times, tally.kinds, tally.newest)
             part = rows[first:i]
-            if tally.kinds[SYSTEM_TIME] != reports:
-                for row in part[part[:, KIND] == SYSTEM_TIME]:
-                    self.utc.update(float(row[TIME]), float(row[UNIX_US]))
+            if part[0, KIND] == SYSTEM_TIME:
+                self.utc.update(float(part[0, TIME]), float(part[0, UNIX_US]))
             assert self.estimator is not None
             for output in self.estimator.push(part):
                 yield self._step(output)
