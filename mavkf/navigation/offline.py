@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from mavkf.navigation.any_form import FormRun
 
 Array = NDArray[np.float64]
-FORWARD_SHARE = 0.3  # of the work of a run with a second pass
 
 
 class OfflineSession:

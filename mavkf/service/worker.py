@@ -6,7 +6,7 @@ from itertools import groupby
 
 import numpy as np
 
-from mavkf.link.framing import FRAME, FrameStream
+from mavkf.link.framing import FrameStream, join_frames
 from mavkf.service.belief import Belief
 from mavkf.service.duplicates import Duplicates
 from mavkf.service.endpoints import Link
@@ -16,7 +16,6 @@ from mavkf.service.recorder import Recorder
 from mavkf.service.talk import Talk
 
 Say = Callable[[str], None]
-_PLAIN = np.dtype((np.void, FRAME.itemsize))  # concatenated ten times faster than fields are
 LATE_US, CAUGHT_UP_US = 2_000_000, 200_000  # behind the arrivals by so much outputs are left out, until it is so little
 TELL_LATE_S = 5.0
 
@@ -66,12 +65,7 @@ class Worker:
             pieces.append(data)
             found.append(frames)
         if found:
-            if len(found) > 1:
-                pieces, found = (
-                    [np.concatenate(pieces)],
-                    [np.concatenate([one.view(_PLAIN) for one in found]).view(FRAME)],
-                )
-            self._fleet.take(pieces[0], found[0])
+            self._fleet.take(pieces[0] if len(pieces) == 1 else np.concatenate(pieces), join_frames(found))
 
     def speak(self) -> None:
         """Send over each link what there is to say."""
