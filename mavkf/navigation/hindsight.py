@@ -8,11 +8,16 @@ from numpy.typing import NDArray
 
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode, Sensor
+from mavkf.navigation.fusing import SLOWEST_FOR_LEARNING
 from mavkf.navigation.learning import CALM
+from mavkf.navigation.parameter import Parameter
 
 Array = NDArray[np.float64]
 CONSTANT = 1e4  # s: time constant of an error that does not change in any flight
 SUSPICIONS = {NoteCode.GNSS_DRIFT: L.SUSPECT_POSITION, NoteCode.GNSS_VELOCITY_WRONG: L.SUSPECT_VELOCITY}
+STRETCH = 100  # fixes, of which two axes show a variance to 10 %: the relative deviation is the root of 2 over the number of values
+MOST_CORRELATED = 0.95
+BEST_SPEED = 0.02  # m/s: no receiver is trusted to be better (velocity goes in steps of 1 cm/s)
 AXES = (("horizontally", slice(0, 2)), ("vertically", slice(2, 3)))
 
 
@@ -27,34 +32,81 @@ class Hindsight(msgspec.Struct):
 NOTHING_KNOWN = Hindsight(np.empty((0, 2)), np.empty((0, 3)), ())
 
 
+class Scatter:
+    """Horizontal velocity innovations of one receiver, summed up as they come: how noisy its velocity can be at most."""
+
+    def __init__(self) -> None:
+        """Nothing has come yet."""
+        self._square, self._product = 0.0, 0.0
+        self._last = np.empty((0, 2))
+        self._stretch = np.empty((0, 2))
+        self._noisiest = 0.0
+
+    def take(self, r: Array) -> None:
+        """Take innovations (n, 2), m/s."""
+        joined = np.concatenate([self._last, r])
+        self._last = joined[-1:]
+        self._square += float(np.sum(r * r))
+        self._product += float(np.sum(joined[1:] * joined[:-1]))
+        waiting = np.concatenate([self._stretch, r])
+        whole = len(waiting) // STRETCH
+        for stretch in waiting[: whole * STRETCH].reshape(whole, STRETCH, 2):
+            self._noisiest = max(self._noisiest, float(np.mean(stretch * stretch)))
+        self._stretch = waiting[whole * STRETCH :]
+
+    @property
+    def sigma(self) -> float:
+        """One sigma (m/s) of white noise that tells as little as the real one in its noisiest stretch; infinite before one is full.
+
+        All of an innovation is taken for the receiver's. What lingers from fix to fix counts as `receivers.lasting` says.
+        """
+        if not self._noisiest > 0.0:
+            return math.inf
+        rho = min(max(self._product / self._square, 0.0), MOST_CORRELATED)
+        return math.sqrt(self._noisiest * (1.0 + rho) / (1.0 - rho))
+
+
 class Surprise:
-    """How much the fused positions of a flight surprised: NIS of each axis, summed up as they come."""
+    """How much the fixes of a flight surprised, summed up as they come: NIS of each axis of the positions, scatter of the velocities."""
 
     def __init__(self) -> None:
         """Nothing has come yet."""
         self.count = 0
         self._nis = np.zeros(3)
+        self._velocities: dict[float, Scatter] = {}
 
     def take(self, innovations: Array) -> None:
         """Take innovation rows (n, INNOVATION_WIDTH)."""
-        position = innovations[:, L.I_SENSOR] == Sensor.GNSS_POSITION.value
-        mine = innovations[position & (innovations[:, L.I_FUSED] > 0.0)]
+        fused = innovations[innovations[:, L.I_FUSED] > 0.0]
+        mine = fused[fused[:, L.I_SENSOR] == Sensor.GNSS_POSITION.value]
         self.count += len(mine)
         variances = mine[:, [L.I_S, L.I_S + 4, L.I_S + 8]]
         self._nis += np.sum(mine[:, L.I_R : L.I_R + 3] ** 2 / variances, axis=0)
+        velocities = fused[fused[:, L.I_SENSOR] == Sensor.GNSS_VELOCITY.value]
+        for source in np.unique(velocities[:, L.I_SOURCE]):
+            scatter = self._velocities.setdefault(float(source), Scatter())
+            scatter.take(velocities[velocities[:, L.I_SOURCE] == source, L.I_R : L.I_R + 2])
 
     def mean(self, axes: slice) -> float:
         """Mean over some axes."""
         return float(np.mean(self._nis[axes])) / self.count
 
+    @property
+    def speed_sigma(self) -> float:
+        """One sigma (m/s) of the velocity that every receiver has kept to; infinite where one of them has not told enough."""
+        return max((scatter.sigma for scatter in self._velocities.values()), default=math.inf)
 
-def look_back(state: Array, surprise: Surprise, notes: Array) -> Hindsight:
-    """Learn from a pass over a flight: its final state, how its positions surprised, and all notes (n, NOTE_WIDTH).
+
+def look_back(state: Array, c: Array, surprise: Surprise, notes: Array) -> Hindsight:
+    """Learn from a pass over a flight: final state, parameters, how its fixes surprised, and all notes (n, NOTE_WIDTH).
 
     The wander of a receiver and the motion look alike to a smoother wherever the wander is allowed to be large. A filter has to
     allow it before it knows; afterwards it is known. Where the positions surprised so little that they do not wander (`CALM`, mean NIS
     per degree of freedom), their error is a constant. Where they do, it lasts as long, and vertically is as large, as was learnt in the
     end; horizontally its size follows what happens, as in the first pass.
+
+    Before it is known, a velocity is never believed to be better than a floor. With an IMU fast enough that innovations speak of the
+    receiver, they tell afterwards where it was.
     """
     held: list[tuple[float, float]] = []
     words: list[str] = []
@@ -70,6 +122,10 @@ def look_back(state: Array, surprise: Surprise, notes: Array) -> Hindsight:
             if axis == 1:
                 held.append((L.COLOUR + axis, sigma))
             words.append(f"smoothed: {where} the GNSS position wanders, by {sigma:.1f} m in {tau:.0f} s")
+    speed = max(surprise.speed_sigma, BEST_SPEED)
+    if speed < c[Parameter.SPEED_FLOOR] and c[Parameter.IMU_PERIOD] <= SLOWEST_FOR_LEARNING:
+        held.append((L.KNOWN_SPEED, speed))
+        words.append(f"smoothed: the GNSS velocity has kept to {speed:.2f} m/s, and is weighed by that")
     faults = [
         (SUSPICIONS[NoteCode(int(note[L.NOTE_CODE]))], note[L.NOTE_START], note[L.NOTE_TIME])
         for note in notes

@@ -95,8 +95,9 @@ _book = P + STATES_MOST * STATES_MOST
     PRESSURE_LAST,
     PRESSURE_STANDBY,
     PRESSURE_USED,
-) = range(_book, _book + 70)
-IMU = _book + 70  # last sample: omega_b, f_b
+    KNOWN_SPEED,  # m/s: noise of the main receiver's velocity as the whole flight has shown it, 0: not known
+) = range(_book, _book + 71)
+IMU = _book + 71  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares

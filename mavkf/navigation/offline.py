@@ -145,7 +145,7 @@ class OfflineSession:
             from mavkf.navigation.smoother import smooth
 
             notes = np.concatenate([np.empty((0, L.NOTE_WIDTH)), *self._notes])
-            hindsight = look_back(self.state, self._surprise, notes)
+            hindsight = look_back(self.state, c, self._surprise, notes)
             self.hindsight = hindsight.words
             yield from smooth(self._start, self._events, c, rate, hindsight, progress)
 

@@ -68,6 +68,10 @@ def fuse_velocity(s, e, c, out, b):
     speed = math.hypot(vn, ve)
     # a slow receiver does not know its course, and some hold the last one
     across = (c[Parameter.COURSE] / (1.0 + speed)) ** 2
+    main = e[SOURCE] == s[L.MAIN]
+    if main and s[L.KNOWN_SPEED] > 0.0:  # in the second pass of a smoother
+        variance = min(variance, s[L.KNOWN_SPEED] ** 2)
+        across = min(across, s[L.KNOWN_SPEED] ** 2)
     un, ue = (vn / speed, ve / speed) if speed > 0.0 else (0.0, 0.0)
     R[0, 0] = variance + across * (1.0 - un * un)
     R[1, 1] = variance + across * (1.0 - ue * ue)
@@ -80,7 +84,6 @@ def fuse_velocity(s, e, c, out, b):
     r[0] = vn - z_hat[0]
     r[1] = ve - z_hat[1]
     r[2] = vd - z_hat[2]
-    main = e[SOURCE] == s[L.MAIN]
     if not main:
         # its delay is its own: a a' sigma_delay^2, for as long as an acceleration lasts
         dt = e[TIME] - s[b + L.F_T_BEFORE]
