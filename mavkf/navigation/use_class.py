@@ -42,10 +42,7 @@ DRAG, DRAG_SIGMA = 0.25, 0.7  # 1/s, and one sigma of its logarithm
 BODY_DRAG, BODY_DRAG_SIGMA = 0.02, 0.02  # 1/m: half of air density, drag coefficient and area by the mass
 PITOT_SIGMA = 0.1  # of the logarithm of a pitot tube's factor, air density included
 GUST, GUST_ALONG = 0.3, 0.7  # m/s: across, or as rotors feel it; along, as a pitot tube shows it
-MISFIT, MISFIT_TIME = (
-    0.05,
-    10.0,
-)  # share of the airspeed that the drag law is off, which lasts as long as a leg of the flight, s
+MISFIT, MISFIT_TIME = 0.05, 10.0  # share of the airspeed that the drag law is off, for as long as a leg lasts, s
 SLIP_SIGMA, SLIP_TIME = 0.05, 20.0  # rad, s: sideslip of a wing that lasts as long as a turn does
 SMOOTH = 0.1  # s: time constant of the mean of the force
 LEAST_AIRSPEED = 6.0  # m/s: a pitot tube shows nothing useful below
