@@ -1,6 +1,6 @@
 """Read a tlog: find its frames, decode its samples, and say what is in it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
@@ -17,7 +17,7 @@ from mavkf.link.framing import FRAME, FrameCounts, Scanner, join_frames
 from mavkf.link.gather import gather
 from mavkf.link.layouts import message_ids, message_names
 from mavkf.link.stamps import StampRepair
-from mavkf.samples import KIND, Kind
+from mavkf.samples import KIND, Kind, Source
 from mavkf.service.senders import is_vehicle
 
 
@@ -111,13 +111,14 @@ class TlogReader:
     reader.damage, reader.refused    # complete once all blocks are read
     """
 
-    def __init__(self, path: Path) -> None:
-        """Raises LogError if the file cannot be opened or is empty."""
+    def __init__(self, path: Path, messages: Iterable[Source] = tuple(Source)) -> None:
+        """messages: those that give rows; frames are found of all. Raises LogError if the file cannot be opened or is empty."""
         self.path = Path(path)
         self.name = str(self.path)
         self.data = map_log(self.path)
         self.size = int(self.data.size)
         self.refused = DecodeCounts()
+        self._messages = frozenset(messages)
         self._scanner, self._stamps = Scanner(self.data), StampRepair()
 
     def __iter__(self) -> Iterator[Block]:
@@ -125,7 +126,7 @@ class TlogReader:
         with Ahead(iter(self._scanner)) as scanned:
             for found in chain(scanned, (None,)):
                 frames = self._stamps.push(np.empty(0, FRAME) if found is None else found, last=found is None)
-                yield Block(frames, decode(self.data, frames, self.refused))
+                yield Block(frames, decode(self.data, frames, self.refused, self._messages))
         if self._scanner.counts.frames == 0:
             raise LogError(f"{self.path} holds no MAVLink frame; give a telemetry log (.tlog) of a ground station.")
 

@@ -6,6 +6,7 @@ message objects, `numpy.fromfile` the bytes alone.
 
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
@@ -16,7 +17,7 @@ from benchmarks.speed.measure import Figure, Settings, alone, figure, in_turns, 
 from mavkf.ahead import Ahead
 from mavkf.link.framing import scan_records
 from mavkf.replay.tlog import TlogReader, map_log, read_tlog
-from mavkf.samples import ACCEL, FIX, GNSS_YAW, GYRO, IMU_TEMPERATURE, KIND, PRESSURE, SOURCE, STAMP, Kind
+from mavkf.samples import ACCEL, FIX, GNSS_YAW, GYRO, IMU_TEMPERATURE, KIND, PRESSURE, SOURCE, STAMP, Kind, Source
 
 Array = NDArray[np.float64]
 COLUMNS = {
@@ -24,7 +25,8 @@ COLUMNS = {
     Kind.GNSS: [STAMP, SOURCE, *range(FIX, GNSS_YAW + 1)],
     Kind.BAROMETER: [STAMP, SOURCE, PRESSURE],
 }
-TYPES = ["RAW_IMU", "GPS_RAW_INT", "SCALED_PRESSURE"]
+MESSAGES = (Source.RAW_IMU, Source.GPS_RAW_INT, Source.SCALED_PRESSURE)
+TYPES = [message.name for message in MESSAGES]
 SIZE = 100_000_000  # bytes
 PARSED = 20_000_000  # bytes that pymavlink reads of it: its time grows with them
 RUNS = 5
@@ -50,6 +52,7 @@ def _read(settings: Settings, size: int) -> list[Figure]:
         works = {
             "bytes": lambda: megabytes / seconds(lambda: np.fromfile(whole, np.uint8)),
             "read": lambda: megabytes / seconds(lambda: arrays(whole)),
+            "all": lambda: megabytes / seconds(lambda: arrays(whole, Source)),
             "log": lambda: megabytes / seconds(lambda: read_tlog(whole)),
             "scan": lambda: megabytes / seconds(lambda: scan_records(map_log(whole))),
             "pymavlink": lambda: part.stat().st_size / 1e6 / seconds(lambda: count(part)),
@@ -71,6 +74,9 @@ def _read(settings: Settings, size: int) -> list[Figure]:
         figures.append(alone("fasttlogparser", unit, took["fast"]))
     return [
         *figures,
+        figure(
+            "mavkf `TlogReader`, of all sensors", unit, took["all"], title, read, "IMU, GNSS, pressure of all messages"
+        ),
         figure("mavkf `scan_records` alone", unit, took["scan"], title, read, "frames found, CRC checked"),
         figure("mavkf `read_tlog`", unit, took["log"], title, read, "all rows, of all sensors, in memory"),
         alone("pymavlink `recv_match`", unit, took["pymavlink"]),
@@ -78,10 +84,10 @@ def _read(settings: Settings, size: int) -> list[Figure]:
     ]
 
 
-def arrays(path: Path) -> dict[Kind, Array]:
-    """Read arrays of the IMU, GNSS and pressure samples: STAMP, SOURCE and what was measured, of all messages that have such."""
+def arrays(path: Path, messages: Iterable[Source] = MESSAGES) -> dict[Kind, Array]:
+    """Read arrays of the IMU, GNSS and pressure samples of some messages: STAMP, SOURCE and what was measured."""
     parts: dict[Kind, list[Array]] = {kind: [] for kind in COLUMNS}
-    with Ahead(iter(TlogReader(path))) as blocks:
+    with Ahead(iter(TlogReader(path, messages))) as blocks:
         for block in blocks:
             for rows in block.rows.values():
                 kinds = rows[:, KIND].astype(np.int8)

@@ -193,9 +193,12 @@ class Tables(NamedTuple):
     names: NDArray[np.uint8]
 
 
+ALL = frozenset(MESSAGES)
+
+
 @cache
-def tables() -> Tables:
-    """Build the tables from the layouts of the dialect."""
+def tables(messages: frozenset[Source] = ALL) -> Tables:
+    """Build the tables from the layouts of the dialect; of messages that are not wanted it is as if they gave no rows."""
     sources = np.full(HIGHEST_ID + 1, -1, np.int8)
     families = np.zeros(len(MESSAGES), np.int64)
     first = np.zeros(len(MESSAGES) + 1, np.int64)
@@ -204,7 +207,8 @@ def tables() -> Tables:
     units: list[tuple[float, float]] = []
     for source in sorted(MESSAGES):
         family, fields = MESSAGES[source]
-        sources[message_ids()[source.name]] = source
+        if source in messages:
+            sources[message_ids()[source.name]] = source
         families[source] = family
         layout = message_dtype(source.name).fields
         assert layout is not None

@@ -219,14 +219,17 @@ def work_space() -> WorkSpace:
 
 
 def decode(
-    data: NDArray[np.uint8], frames: NDArray[np.void], counts: DecodeCounts | None = None
+    data: NDArray[np.uint8],
+    frames: NDArray[np.void],
+    counts: DecodeCounts | None = None,
+    messages: frozenset[s.Source] = c.ALL,
 ) -> dict[Address, NDArray[np.float64]]:
     """Sample rows (m, ROW_WIDTH) of each sender, in the order of its frames; TIME and SESSION are not filled.
 
     data: the bytes that the frames' offsets refer to. One frame gives at most three rows: MAGNETOMETER, BAROMETER, IMU,
-    in this order. What gives no row is added to `counts`.
+    in this order. What gives no row is added to `counts`. messages: those that are read, of all there are.
     """
-    tables = c.tables()
+    tables = c.tables(messages)
     chosen, senders = np.empty(len(frames), np.int64), np.empty(len(frames), np.int64)
     count, most, in_order = choose_frames(frames, tables.sources, tables.families, chosen, senders)
     chosen, senders = chosen[:count], senders[:count]

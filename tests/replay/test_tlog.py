@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import all as dialect
 from mavkf.cli.info import info
 from mavkf.errors import LogError
 from mavkf.link.layouts import message_dtype
-from mavkf.replay.tlog import Log, read_tlog
-from mavkf.samples import ARRIVAL, KIND, Kind
+from mavkf.replay.tlog import Log, TlogReader, read_tlog
+from mavkf.samples import ARRIVAL, KIND, SOURCE, Kind, Source
 
 FLIGHTS = os.environ.get("MAVKF_FLIGHTS")
 LOGS = sorted(Path(FLIGHTS).rglob("*.tlog")) if FLIGHTS else []
@@ -117,6 +117,21 @@ def test_each_flight_whole(path: Path) -> None:
     assert crc_holds(log, random.Random(1).sample(range(len(log.frames)), 200))
     for rows in log.rows.values():
         assert (np.diff(rows[:, ARRIVAL]) >= -1e6).all()
+
+
+@needs_flights
+def test_messages_that_are_not_asked_for_give_no_rows_and_the_others_the_same() -> None:
+    path = next(path for path in LOGS if path.stem.startswith("ap02"))
+    asked = [Source.GPS_RAW_INT, Source.SCALED_PRESSURE, Source.HIL_GPS]
+    reader, found = TlogReader(path, asked), []
+    for block in reader:
+        found += list(block.rows.items())
+    log = read_tlog(path)
+    assert {address for address, _ in found} == {(1, 1)}
+    every = log.rows[1, 1]
+    expected = every[np.isin(every[:, SOURCE], asked)]
+    np.testing.assert_array_equal(np.concatenate([rows for _, rows in found]), expected)
+    assert {Kind.GNSS, Kind.BAROMETER} == set(expected[:, KIND]) and reader.damage == log.damage
 
 
 def crc_holds(log: Log, places: list[int]) -> bool:
