@@ -16,12 +16,8 @@ makes 0.6 mm/s.
 import math
 
 from mavkf.compiled import kernel
-from mavkf.models import telemetry
+from mavkf.models.order import ANTENNA, DANTENNA
 from mavkf.models.strapdown import DDELAY, DELAY, DGNSS, GNSS, POS, THETA, VEL, V
-
-# Behind the states of the kinematic models: where the antenna is from the IMU, in b, m
-ANTENNA, DANTENNA = telemetry.X_SIZE, telemetry.N
-X_SIZE, STATES_MOST = telemetry.X_SIZE + 3, telemetry.N + 3
 
 
 @kernel
@@ -89,7 +85,7 @@ def lever_jacobian(x, C, w, of_place, of_velocity, H):
         # -[m x]: entry (j, k) is +m_i, entry (k, j) is -m_i
         H[j, THETA + k] += size
         H[k, THETA + j] -= size
-        if H.shape[1] >= STATES_MOST:
+        if H.shape[1] >= DANTENNA + 3:
             # C + C [w x]: column i of [w x] has w_k at j and -w_j at k
             for m in range(3):
                 H[m, DANTENNA + i] = of_place * C[m, i] + of_velocity * (C[m, j] * w[k] - C[m, k] * w[j])

@@ -17,15 +17,14 @@ A vehicle that nobody looks at stops turning and accelerating in the mean. Rate 
 import math
 
 from mavkf.compiled import kernel
-from mavkf.models import strapdown
 from mavkf.models.earth import SEMI_MAJOR_AXIS
+from mavkf.models.order import DMOTION, MOTION
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import BG, DBG, LATITUDE, Q, V, move, rates_of_frame
 from mavkf.stack import copy, matrix, vector, zero_matrix, zero_vector
 
-OMEGA, FORCE = strapdown.X_SIZE, strapdown.X_SIZE + 3
-DOMEGA, DFORCE = strapdown.N, strapdown.N + 3
-X_SIZE, N = strapdown.X_SIZE + 6, strapdown.N + 6
+OMEGA, FORCE = MOTION, MOTION + 3
+DOMEGA, DFORCE = DMOTION, DMOTION + 3
 # The states that move, in their own order: theta, v, p, omega, f
 M, M_OMEGA, M_FORCE = 15, 9, 12
 STEP = 0.05  # s: longest step of the integration
@@ -123,7 +122,7 @@ def moment_rates(F, Phi, Qd, Qc, dPhi, dQd):
 
 @kernel
 def propagate(x, dt, tau, Qc, Phi, Qd):
-    """Advance the nominal state (X_SIZE or more,) by dt (s), in place, and fill Phi and Qd (M, M) of the states that move.
+    """Advance the nominal state (X_SIZE of `order`,) by dt (s), in place, and fill Phi and Qd (M, M) of the states that move.
 
     tau: (2,) time constants of rate and force, s; Qc: (M,) spectral densities of white noise on each state's rate.
     """

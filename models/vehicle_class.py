@@ -1,6 +1,6 @@
 """What the class of a vehicle says without a sensor: wheels roll where they point, rotors drag, wings fly nose first.
 
-States follow those of the kinematic models and the antenna. A ground rover:
+States follow those of `strapdown`. A ground rover:
 
     FORWARD        forward axis of the wheels in b, as turns about down and about right (2, rad): (1, a, -b)
     AXLE           distance (m) along that axis from the IMU to the point that does not slip sideways
@@ -27,16 +27,14 @@ With the attitude error on the left, C_true' v = C' (v + [v x] dtheta), as for t
 import math
 
 from mavkf.compiled import kernel
-from mavkf.models import gnss
+from mavkf.models.order import CLASS, DCLASS
 from mavkf.models.strapdown import BA, DBA, THETA, VEL, V
 from mavkf.models.telemetry import DFORCE, FORCE
 
-CLASS, DCLASS = gnss.X_SIZE, gnss.STATES_MOST
 FORWARD, AXLE, DFORWARD, DAXLE = CLASS, CLASS + 2, DCLASS, DCLASS + 2
 WIND, FACTOR, DWIND, DFACTOR = CLASS, CLASS + 2, DCLASS, DCLASS + 2
 SLIP, DSLIP = CLASS + 3, DCLASS + 3
 CURVE, DCURVE = CLASS + 3, DCLASS + 3
-X_SIZE, STATES_MOST = CLASS + 4, DCLASS + 4
 
 GAS_CONSTANT = 287.05287  # J/(kg K), dry air
 SEA_LEVEL_TEMPERATURE, SEA_LEVEL_PRESSURE, LAPSE_EXPONENT = 288.15, 101325.0, 0.190263  # K, Pa: ISO 2533

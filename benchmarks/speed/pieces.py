@@ -48,7 +48,7 @@ def _updates(P: Any, H: Any, R: Any, r: Any, n: int) -> None:
     for _ in range(n):
         innovation_covariance(P, H, R, PHt, S)
         invert(S, inverse)
-        correct(P, PHt, S, inverse, r, dx, K, work, -1, 0)
+        correct(P, PHt, S, inverse, r, dx, K, work, -1, 0, N)
 
 
 def _start() -> tuple[Array, Array, Array]:

@@ -139,11 +139,12 @@ def quadratic(inverse, r):
 
 
 @kernel
-def correct(P, PHt, S, inverse, r, dx, K, work, considered, first):
+def correct(P, PHt, S, inverse, r, dx, K, work, considered, first, last):
     """Fill the gain K (n, m) and dx = K r (n,), and update P in place; PHt, S and its inverse as computed before.
 
-    considered: a state whose gain is zero (-1: none), as are those of all states before `first`: its uncertainty counts, its value is
-    left alone (Schmidt's consider filter: Jazwinski, "Stochastic Processes and Filtering Theory", section 8.3). work: (2 m, n).
+    considered: a state whose gain is zero (-1: none), as are those of all states before `first` and from `last` on: its uncertainty counts,
+    its value is left alone (Schmidt's consider filter: Jazwinski, "Stochastic Processes and Filtering Theory", section 8.3).
+    work: (2 m, n).
 
     The Joseph product, which holds for any gain, multiplied out: P - K U' - U K' with U = P H' - K S / 2, which is symmetric to the bit.
     """
@@ -154,7 +155,7 @@ def correct(P, PHt, S, inverse, r, dx, K, work, considered, first):
             gain = 0.0
             for a in range(m):
                 gain += PHt[i, a] * inverse[a, b]
-            if i == considered or i < first:
+            if i == considered or i < first or i >= last:
                 gain = 0.0
             K[i, b] = gain
             total += gain * r[b]
@@ -227,4 +228,4 @@ def update(A, H, r, dx):
         for a in range(m):
             for b in range(m):
                 inverse[a, b] = np.nan  # P is not a covariance: said by what comes out, not hidden
-    correct(A, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 0)
+    correct(A, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 0, n)

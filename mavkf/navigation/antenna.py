@@ -4,7 +4,7 @@ import math
 
 from mavkf.compiled import kernel
 from mavkf.models import gnss
-from mavkf.models.gnss import ANTENNA
+from mavkf.models.order import ANTENNA
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import POS, Q
 from mavkf.navigation import layout as L

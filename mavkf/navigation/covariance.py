@@ -101,33 +101,32 @@ def propagate_covariance(P, Phi):
 
 
 @kernel
-def colour_decay(s, k, dt):
-    """The factor by which the coloured GNSS error has fallen off after dt: exp(-dt / tau), horizontal (k = 0) or vertical (1)."""
-    return math.exp(-dt / s[L.COLOUR_TIME + k])
+def colour_decay(s, dt, phi):
+    """Fill phi (2,) with the factors by which the coloured GNSS error has fallen off after dt: exp(-dt / tau), horizontal and vertical."""
+    for k in range(2):
+        phi[k] = math.exp(-dt / s[L.COLOUR_TIME + k])
 
 
 @kernel
-def decay_colour(s, dt, P):
-    """The coloured error in P falls off, and is renewed: phi^2 P + (1 - phi^2) sigma^2."""
-    horizontal, vertical = colour_decay(s, 0, dt), colour_decay(s, 1, dt)
+def decay_colour(s, phi, P):
+    """The coloured error in P falls off by phi (2,), horizontal and vertical, and is renewed: phi^2 P + (1 - phi^2) sigma^2."""
     for i in range(3):
-        phi = horizontal if i < 2 else vertical
+        k = i // 2
         for j in range(P.shape[0]):
-            P[DGNSS + i, j] *= phi
+            P[DGNSS + i, j] *= phi[k]
         for j in range(P.shape[0]):
-            P[j, DGNSS + i] *= phi
-        P[DGNSS + i, DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
+            P[j, DGNSS + i] *= phi[k]
+        P[DGNSS + i, DGNSS + i] += (1.0 - phi[k] * phi[k]) * s[L.COLOUR + k] ** 2
 
 
 @kernel
-def decay_estimate(s, dt):
-    """The estimate of the coloured error falls off, and the effects of faults on it: e <- phi e."""
-    horizontal, vertical = colour_decay(s, 0, dt), colour_decay(s, 1, dt)
-    s[GNSS] *= horizontal
-    s[GNSS + 1] *= horizontal
-    s[GNSS + 2] *= vertical
-    follow_decay(s, 0, horizontal)
-    follow_decay(s, 1, vertical)
+def decay_estimate(s, phi):
+    """The estimate of the coloured error falls off by phi (2,), horizontal and vertical, and the effects of faults on it: e <- phi e."""
+    s[GNSS] *= phi[0]
+    s[GNSS + 1] *= phi[0]
+    s[GNSS + 2] *= phi[1]
+    follow_decay(s, 0, phi[0])
+    follow_decay(s, 1, phi[1])
 
 
 @kernel
@@ -146,14 +145,17 @@ def transition_behind(s, Phi):
 
 
 @kernel
-def predict_covariance(s, c, Phi, P):
-    """Advance P by the time it is behind, with its transition Phi: half of the noise before, half after (second order in time)."""
+def predict_covariance(s, c, Phi, phi, P):
+    """Advance P by the time it is behind: half of the noise before, half after (second order in time).
+
+    Phi: the transition of that time; phi: of `colour_decay`.
+    """
     dt = s[L.BEHIND]
     gyro, accel = 0.5 * s[L.BEHIND_GYRO], 0.5 * s[L.BEHIND_ACCEL]
     add_noise(s, c, gyro, accel, 0.5 * dt, P)
     propagate_covariance(P, Phi)
     add_noise(s, c, gyro, accel, 0.5 * dt, P)
-    decay_colour(s, dt, P)
+    decay_colour(s, phi, P)
 
 
 @kernel
@@ -161,9 +163,10 @@ def record_added(s, c, gyro, accel, dt, decaying, out):
     """Record what `add_noise` adds to the diagonal in dt, and `decay_colour` in the time `decaying` (s, 0: none)."""
     q = vector(int(s[L.STATES]))
     added_noise(s, c, gyro, accel, dt, q)
+    phi = vector(2)
+    colour_decay(s, decaying, phi)
     for i in range(3):
-        phi = colour_decay(s, i // 2, decaying)
-        q[DGNSS + i] += (1.0 - phi * phi) * s[L.COLOUR + i // 2] ** 2
+        q[DGNSS + i] += (1.0 - phi[i // 2] * phi[i // 2]) * s[L.COLOUR + i // 2] ** 2
     record_noise(out, q.shape[0], q)
 
 
@@ -173,10 +176,11 @@ def bring_up(s, c, out):
     dt = s[L.BEHIND]
     if dt == 0.0:
         return
-    Phi = matrix(9, TOP)
+    Phi, phi = matrix(9, TOP), vector(2)
     transition_behind(s, Phi)
-    predict_covariance(s, c, Phi, L.covariance(s))
-    decay_estimate(s, dt)
+    colour_decay(s, dt, phi)
+    predict_covariance(s, c, Phi, phi, L.covariance(s))
+    decay_estimate(s, phi)
     follow_transition(s, Phi)
     if is_recording(out):
         gyro, accel = 0.5 * s[L.BEHIND_GYRO], 0.5 * s[L.BEHIND_ACCEL]

@@ -9,6 +9,7 @@ import numpy as np
 
 from mavkf.compiled import BOOLEAN, FLOAT, INTEGER, MATRIX, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.filters.joseph import correct, innovation_covariance, invert, quadratic
+from mavkf.models.order import DANTENNA, DCLASS
 from mavkf.models.strapdown import DDELAY, retract
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NOTE_CODES, SENSORS, Reason, Sensor
@@ -150,11 +151,13 @@ def judge_and_correct(s, e, c, out, sensor, r, H, R, R_lasting, lasts, suspect):
     recording = is_recording(out)
     if recording:
         attend(s, out)
-    correct(P, PHt, S, inverse, r, dx, K, matrix(6, n), considered, int(s[L.CORRECT_FROM]))
+    only_class = s[L.CORRECT_CLASS] != 0.0
+    first, last = (DCLASS, DANTENNA) if only_class else (0, n)
+    correct(P, PHt, S, inverse, r, dx, K, matrix(6, n), considered, first, last)
     watch(s, e, sensor, r, H, inverse, K, nis, sensor <= Sensor.BAROMETER.value and not lasts)
     retract(s[L.X : L.P], dx)
     if recording:
-        gain = KEPT_FROM_MOTION if s[L.CORRECT_FROM] > 0.0 else (CONSIDERED if considered >= 0 else OPTIMAL)
+        gain = KEPT_FROM_MOTION if only_class else (CONSIDERED if considered >= 0 else OPTIMAL)
         record_correction(s, out, r, H, inverse, K, PHt, dx, gain, R_lasting, sensor)
     return nis
 

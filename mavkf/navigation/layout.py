@@ -8,8 +8,8 @@ exact up to 2^53.
 import numpy as np
 
 from mavkf.compiled import INTEGERS, MATRIX, VECTOR, compiled, several
+from mavkf.models.order import STATES_MOST, X_SIZE
 from mavkf.models.strapdown import SUMS, TOP
-from mavkf.models.vehicle_class import STATES_MOST, X_SIZE
 from mavkf.navigation.codes import FAULTS, NOTE_CODES
 from mavkf.samples import ROW_WIDTH
 from mavkf.stack import block
@@ -36,6 +36,7 @@ _book = P + STATES_MOST * STATES_MOST
     T_ODDS,
     LIKELIHOOD,  # logarithm, of what was fused since the models were weighed
     STATES,  # number of error states in use: P is (STATES, STATES)
+    LASTING_STATES,  # of them, what is there without the telemetry model
     BAROMETER_KNOWN,
     T_IMU,  # last IMU sample, NaN: none
     PERIOD,  # s between IMU samples, running mean
@@ -96,8 +97,8 @@ _book = P + STATES_MOST * STATES_MOST
     PRESSURE_STANDBY,
     PRESSURE_USED,
     KNOWN_SPEED,  # m/s: noise of the main receiver's velocity as the whole flight has shown it, 0: not known
-) = range(_book, _book + 71)
-IMU = _book + 71  # last sample: omega_b, f_b
+) = range(_book, _book + 72)
+IMU = _book + 72  # last sample: omega_b, f_b
 LAST_DIFFERENCE = IMU + 6  # of the samples before
 RATE = LAST_DIFFERENCE + 6  # omega_b less bias at T
 ALIGN_SUM = RATE + 3  # sums of the six components, then of their squares
@@ -146,8 +147,10 @@ SCALE_CLASS = _class + 3  # learnt variance of that knowledge, against what is a
 MEAN_FORCE = SCALE_CLASS + 2  # f_b as measured, running mean
 LAST_CLASS = MEAN_FORCE + 3  # last innovations of the drag or of sideslip and airspeed
 SCALE_LASTING = LAST_CLASS + 2  # learnt variance of the walk of the wind, or of slip that lasts
-CORRECT_FROM = SCALE_LASTING + 1  # error states before it are considered, not corrected, by what is fused now
-AIR_KNOWN = CORRECT_FROM + 1  # 1: the wind has been learnt in this flight
+CORRECT_CLASS = (
+    SCALE_LASTING + 1
+)  # 1: all but the states of the class are considered, not corrected, by what is fused now
+AIR_KNOWN = CORRECT_CLASS + 1  # 1: the wind has been learnt in this flight
 # Faults that are going on, in the order of FAULT_CODES: three numbers each
 FAULT_SINCE, FAULT_SIZE, FAULT_LAST = range(3)  # start (NaN: none), the largest size so far, when it was seen last
 FAULT_BOOK = AIR_KNOWN + 1

@@ -21,11 +21,11 @@ import math
 import numpy as np
 
 from mavkf.compiled import compiled, fused_kernel, kernel
-from mavkf.models.strapdown import DBA, DBG, DGNSS, TOP
+from mavkf.models.strapdown import DBA, DBG, DGNSS, POS, THETA, TOP, VEL
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
 from mavkf.samples import SOURCE
-from mavkf.stack import block, matrix, vector
+from mavkf.stack import block, copy, matrix, vector
 
 RAMP, VELOCITY, GYRO, ACCELEROMETER = (
     0,
@@ -43,7 +43,6 @@ PHASE = np.array([0.0, 5.0, 10.0, 15.0, 0.0, 30.0] + [0.0, 0.0, 6.0] + [0.0, 4.0
 SUDDEN = 6  # the hypothesis of a velocity that lies from the fix on at which it surprised
 SURPRISE = 4.0  # NIS per degree of freedom that begins it anew
 SUDDEN_AGE, SUDDEN_RATIO = 12.0, 12.0  # s; or where it does not follow anything likely
-TRANSITION = 9 * TOP  # numbers of a transition
 COLUMNS = L.COLUMNS
 CLIP = (
     20.0  # NIS beyond which an innovation counts no more than one of this size: an outlier is no evidence of what lasts
@@ -140,24 +139,41 @@ def begin_hypotheses(s):
 
 @fused_kernel
 def follow_transition(s, Phi):
-    """Add one step's transition (9, TOP) to what the effects have still to be carried along."""
+    """Add one step's transition (9, TOP) to what the effects have still to be carried along.
+
+    What neither model couples is not read: see `covariance.propagate_covariance`.
+    """
     if s[L.MONITORED] == 0.0:
         return
-    k = L.SINCE_UPDATE
-    before = vector(TRANSITION)
-    for i in range(TRANSITION):
-        before[i] = s[k + i]
-    row = vector(TOP)
+    whole = block(s, L.SINCE_UPDATE, 9, TOP)
+    before = matrix(9, TOP)
+    copy(before, whole)
+    # written out, so that it is done for several j at once
+    for i in range(3):
+        t0, t1, t2 = Phi[i, THETA], Phi[i, THETA + 1], Phi[i, THETA + 2]
+        v0, v1 = Phi[i, VEL], Phi[i, VEL + 1]
+        for j in range(TOP):
+            whole[i, j] = ((t0 * before[0, j] + t1 * before[1, j]) + (t2 * before[2, j] + v0 * before[VEL, j])) + (
+                v1 * before[VEL + 1, j]
+            )
+    for i in range(VEL, VEL + 3):
+        t0, t1, t2 = Phi[i, THETA], Phi[i, THETA + 1], Phi[i, THETA + 2]
+        v0, v1, v2, h = Phi[i, VEL], Phi[i, VEL + 1], Phi[i, VEL + 2], Phi[i, POS + 2]
+        for j in range(TOP):
+            whole[i, j] = ((t0 * before[0, j] + t1 * before[1, j]) + (t2 * before[2, j] + v0 * before[VEL, j])) + (
+                (v1 * before[VEL + 1, j] + v2 * before[VEL + 2, j]) + h * before[POS + 2, j]
+            )
+    for i in range(POS, POS + 3):
+        own = VEL + i - POS
+        t0, t1, t2 = Phi[i, THETA], Phi[i, THETA + 1], Phi[i, THETA + 2]
+        v, p = Phi[i, own], Phi[i, i]
+        for j in range(TOP):
+            whole[i, j] = ((t0 * before[0, j] + t1 * before[1, j]) + (t2 * before[2, j] + v * before[own, j])) + (
+                p * before[i, j]
+            )
     for i in range(9):
-        for j in range(TOP):
-            row[j] = Phi[i, j] if j >= 9 else 0.0
-        for m in range(9):
-            p = Phi[i, m]
-            if p != 0.0:
-                for j in range(TOP):
-                    row[j] += p * before[TOP * m + j]
-        for j in range(TOP):
-            s[k + TOP * i + j] = row[j]
+        for j in range(9, TOP):
+            whole[i, j] += Phi[i, j]
 
 
 @kernel

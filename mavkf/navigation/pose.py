@@ -9,11 +9,11 @@ from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, TOP, VEL, Q, V, offset
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Flag, ModeCode, NoteCode
-from mavkf.navigation.covariance import predict_covariance, transition_behind
+from mavkf.navigation.covariance import colour_decay, predict_covariance, transition_behind
 from mavkf.navigation.disturbances import is_on
 from mavkf.navigation.protection import protection_levels
 from mavkf.navigation.receivers import book_of
-from mavkf.stack import copy, matrix
+from mavkf.stack import copy, matrix, vector
 
 POSITION_LIMIT, VELOCITY_LIMIT = 50.0, 10.0  # m, m/s: one sigma, horizontal, up to which the value is called valid
 TILT_LIMIT, YAW_LIMIT = math.radians(10.0), math.radians(20.0)
@@ -123,10 +123,11 @@ def pose_row(s, c, row):
         return
     n = int(s[L.STATES])
     P = matrix(n, n)
-    Phi = matrix(9, TOP)
+    Phi, phi = matrix(9, TOP), vector(2)
     copy(P, L.covariance(s))
     transition_behind(s, Phi)
-    predict_covariance(s, c, Phi, P)
+    colour_decay(s, s[L.BEHIND], phi)
+    predict_covariance(s, c, Phi, phi, P)
     pose_row_with(s, c, P, row)
 
 

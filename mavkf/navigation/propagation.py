@@ -5,7 +5,7 @@ import numpy as np
 from mavkf.compiled import kernel
 from mavkf.models import constant_velocity, strapdown
 from mavkf.models.earth import gravity
-from mavkf.models.gnss import ANTENNA, DANTENNA, STATES_MOST
+from mavkf.models.order import ANTENNA, DANTENNA
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import (
     BA,
@@ -47,7 +47,7 @@ def begin(s, c):
     s[:] = 0.0
     s[L.X] = 1.0
     antenna = c[Parameter.ANTENNA_SIGMA] > 0.0
-    s[L.STATES] = STATES_MOST if antenna else N
+    s[L.STATES] = DANTENNA + 3 if antenna else N
     s[L.WANTED] = c[Parameter.MODEL]
     s[L.BROUGHT_UP] = -1.0
     for i in (
@@ -102,6 +102,7 @@ def begin(s, c):
         if antenna:
             P[DANTENNA + i, DANTENNA + i] = c[Parameter.ANTENNA_SIGMA] ** 2
     begin_class(s, c)
+    s[L.LASTING_STATES] = s[L.STATES]
 
 
 @kernel

@@ -2,14 +2,16 @@
 
 from mavkf.compiled import FLOAT, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models import telemetry
-from mavkf.models.strapdown import BA, BG, DBG, N
+from mavkf.models.order import STATES_MOST
+from mavkf.models.strapdown import BA, BG, DBG
 from mavkf.models.telemetry import DOMEGA, FORCE, OMEGA
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Reason, Sensor
-from mavkf.navigation.covariance import add_noise, bring_up, decay_colour, decay_estimate, record_added
+from mavkf.navigation.covariance import add_noise, bring_up, colour_decay, decay_colour, decay_estimate, record_added
 from mavkf.navigation.fusing import forget, fuse, widen
 from mavkf.navigation.layout import OUT
 from mavkf.navigation.learning import learn
+from mavkf.navigation.monitors import stop_monitors
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.propagation import set_acceleration
 from mavkf.navigation.tape import attend, is_detailed, is_recording, record_link, record_noise, record_transition
@@ -38,8 +40,9 @@ def sample_variance(s, e, c, k):
 @kernel
 def enter(s, e, c):
     """Begin rate and force from the last sample: omega = z - bg, so that its error is minus the bias's and the sample's noise."""
-    if s[L.STATES] < N + 6:
-        widen(s, N + 6)
+    stop_monitors(s)
+    if s[L.STATES] < STATES_MOST:
+        widen(s, STATES_MOST)
     P = L.covariance(s)
     n = P.shape[0]
     for k in range(2):
@@ -74,16 +77,13 @@ def begin_telemetry(s, e, c, out):
 @kernel
 def leave(s):
     """Let rate and force go: what is left is the marginal of the others."""
-    if s[L.STATES] > N + 6:
-        forget(s, DOMEGA, 6, 0.0)
-        return
-    n = int(s[L.STATES])
+    n, left = int(s[L.STATES]), int(s[L.LASTING_STATES])
     old = matrix(n, n)
     copy(old, L.covariance(s))
-    s[L.STATES] = N
+    s[L.STATES] = left
     P = L.covariance(s)
-    for i in range(N):
-        for j in range(N):
+    for i in range(left):
+        for j in range(left):
             P[i, j] = old[i, j]
 
 
@@ -116,8 +116,10 @@ def advance(s, c, t, out):
     telemetry.propagate(x, dt, tau, Qc, Phi, Qd)
     telemetry.propagate_covariance(P, Phi, Qd)
     add_noise(s, c, 0.0, 0.0, dt, P)
-    decay_estimate(s, dt)
-    decay_colour(s, dt, P)
+    phi = vector(2)
+    colour_decay(s, dt, phi)
+    decay_estimate(s, phi)
+    decay_colour(s, phi, P)
     s[L.T] = t
     if recording:
         record_transition(s, out, Phi, dt)

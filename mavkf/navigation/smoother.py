@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavkf.ahead import Ahead
+from mavkf.models.order import STATES_MOST
 from mavkf.models.strapdown import DDELAY
-from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
 from mavkf.navigation import smoothing
 from mavkf.navigation import tape as T

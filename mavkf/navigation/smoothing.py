@@ -13,9 +13,9 @@ import numpy as np
 from mavkf.compiled import kernel, long_kernel
 from mavkf.filters.bryson_frazier import back_over_correction, back_over_transition, exchange, smoothed
 from mavkf.models import telemetry
+from mavkf.models.order import STATES_MOST
 from mavkf.models.strapdown import BG, DGNSS, POS, TOP, VEL, V, retract
 from mavkf.models.telemetry import OMEGA
-from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.covariance import bring_up

@@ -12,9 +12,10 @@ from mavkf.compiled import NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.filters.joseph import row_variance
 from mavkf.models import vehicle_class as model
 from mavkf.models.earth import STANDARD_GRAVITY
+from mavkf.models.order import DCLASS
 from mavkf.models.rotation import rotation_matrix
 from mavkf.models.strapdown import HEIGHT, Q, V
-from mavkf.models.vehicle_class import CURVE, DCLASS, DCURVE, DSLIP, DWIND, FACTOR, SLIP, STATES_MOST, WIND
+from mavkf.models.vehicle_class import CURVE, DCURVE, DSLIP, DWIND, FACTOR, SLIP, WIND
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import Sensor
 from mavkf.navigation.covariance import bring_up, prepare
@@ -62,7 +63,7 @@ def begin_class(s, c):
     """Give the states of the class their place and prior; none where nothing is known of it."""
     if c[Parameter.CLASS] == 0.0:
         return
-    widen(s, STATES_MOST - 1 if c[Parameter.CLASS] == ROVER else STATES_MOST)
+    widen(s, max(int(s[L.STATES]), DCLASS + (3 if c[Parameter.CLASS] == ROVER else 4)))
     P = L.covariance(s)
     s[L.T_CLASS] = np.nan
     s[L.SCALE_LASTING] = 1.0
@@ -155,9 +156,9 @@ def fuse_air(s, e, c, out, sensor, r, H, R, R_lasting):
     if P[DWIND, DWIND] < WIND_KNOWN**2 and P[DWIND + 1, DWIND + 1] < WIND_KNOWN**2:
         s[L.AIR_KNOWN] = 1.0
     if s[L.OUTAGE] == 0.0 and (s[L.AIR_KNOWN] == 0.0 or s[L.PERIOD] < L.SLOW):
-        s[L.CORRECT_FROM] = DCLASS
+        s[L.CORRECT_CLASS] = 1.0
     fuse_lasting(s, e, c, out, sensor, r, H, R, R_lasting)
-    s[L.CORRECT_FROM] = 0.0
+    s[L.CORRECT_CLASS] = 0.0
 
 
 @kernel

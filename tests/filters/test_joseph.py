@@ -23,7 +23,7 @@ def update(P: Array, H: Array, R: Array, r: Array) -> tuple[Array, Array, float,
     PHt, S, inverse, dx = np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty(n)
     innovation_covariance(P, H, R, PHt, S)
     assert invert(S, inverse)
-    correct(P, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 0)
+    correct(P, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 0, n)
     return S, dx, quadratic(inverse, r), P
 
 
@@ -87,7 +87,7 @@ def test_a_gain_that_is_not_the_best_leaves_a_larger_covariance() -> None:
     A = np.eye(4) - K @ H
     expected = A @ P @ A.T + K @ R @ K.T
     after = P.copy()
-    correct(after, PHt, S, 0.7 * inverse, np.zeros(2), dx, np.empty((4, 2)), np.empty((4, 4)), -1, 0)
+    correct(after, PHt, S, 0.7 * inverse, np.zeros(2), dx, np.empty((4, 2)), np.empty((4, 4)), -1, 0, 4)
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-9 * np.abs(P).max())
     best = textbook(P, H, R, np.zeros(2))[3]
     assert np.linalg.eigvalsh(after - best).min() > -1e-9
@@ -106,11 +106,27 @@ def test_a_considered_state_is_left_alone_but_counts(m: int) -> None:
     A = np.eye(n) - K @ H
     expected = A @ P @ A.T + K @ R @ K.T
     after = P.copy()
-    correct(after, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), considered, 0)
+    correct(after, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), considered, 0, n)
     np.testing.assert_allclose(dx, K @ r, rtol=1e-9, atol=1e-12)
     assert dx[considered] == 0.0
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-9 * np.abs(P).max())
     assert after[considered, considered] == pytest.approx(P[considered, considered])
+
+
+def test_what_lies_outside_of_a_range_is_left_alone_but_counts() -> None:
+    random = np.random.default_rng(8)
+    n, m = 7, 2
+    P, H, R, r = positive(random, n), random.normal(size=(m, n)), positive(random, m), random.normal(size=m)
+    PHt, S, inverse, dx = np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty(n)
+    innovation_covariance(P, H, R, PHt, S)
+    assert invert(S, inverse)
+    K = P @ H.T @ np.linalg.inv(S)
+    K[:2], K[5:] = 0.0, 0.0
+    A = np.eye(n) - K @ H
+    after = P.copy()
+    correct(after, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 2, 5)
+    np.testing.assert_allclose(dx, K @ r, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(after, A @ P @ A.T + K @ R @ K.T, rtol=1e-9, atol=1e-9 * np.abs(P).max())
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mavkf.models import barometer, gnss, magnetometer, vehicle_class
-from mavkf.models.gnss import ANTENNA
+from mavkf.models.order import ANTENNA, CLASS, DANTENNA, STATES_MOST, X_SIZE
 from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.models.strapdown import (
     BARO,
@@ -26,7 +26,7 @@ from mavkf.models.strapdown import (
     retract,
 )
 from mavkf.models.telemetry import FORCE
-from mavkf.models.vehicle_class import CLASS, STATES_MOST, WIND, X_SIZE
+from mavkf.models.vehicle_class import WIND
 
 Array = np.ndarray
 
@@ -132,7 +132,7 @@ CLASS_MEASUREMENTS = {
         1,
     ),
 }
-CASES = [(name, states) for name in MEASUREMENTS for states in (N, gnss.STATES_MOST)]
+CASES = [(name, states) for name in MEASUREMENTS for states in (N, DANTENNA + 3)]
 CASES += [(name, STATES_MOST) for name in (*MEASUREMENTS, *CLASS_MEASUREMENTS)]
 
 
@@ -145,7 +145,7 @@ def random_case(random: np.random.Generator) -> Case:
     x[HEIGHT], x[BARO], x[DELAY] = random.uniform(-50.0, 5000.0), random.normal(), random.normal() * 0.05
     x[GNSS : GNSS + 3], x[ANTENNA : ANTENNA + 3] = random.normal(size=3), random.normal(size=3)
     x[EARTH_FIELD : EARTH_FIELD + 3], x[IRON : IRON + 3] = random.normal(size=3), random.normal(size=3)
-    x[FORCE : FORCE + 3], x[CLASS:] = random.normal(size=3) * 5.0, random.normal(size=X_SIZE - CLASS) * 0.3
+    x[FORCE : FORCE + 3], x[CLASS:ANTENNA] = random.normal(size=3) * 5.0, random.normal(size=ANTENNA - CLASS) * 0.3
     return Case(x, random.uniform(-10.0, 10.0, 3), random.uniform(-3.0, 3.0, 3))
 
 
@@ -177,5 +177,5 @@ def test_the_lever_arm_in_plain_vectors() -> None:
         case = random_case(np.random.default_rng(seed))
         x, C = case.x, attitude(case.x)
         arm = np.array([gnss.lever(x, C, case.w, i) for i in range(3)])
-        np.testing.assert_allclose(arm[:, 0], C @ x[ANTENNA:CLASS], atol=1e-12)
-        np.testing.assert_allclose(arm[:, 1], C @ np.cross(case.w, x[ANTENNA:CLASS]), atol=1e-12)
+        np.testing.assert_allclose(arm[:, 0], C @ x[ANTENNA : ANTENNA + 3], atol=1e-12)
+        np.testing.assert_allclose(arm[:, 1], C @ np.cross(case.w, x[ANTENNA : ANTENNA + 3]), atol=1e-12)

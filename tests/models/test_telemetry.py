@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from mavkf.models import telemetry
+from mavkf.models.order import STATES_MOST, X_SIZE
 from mavkf.models.rotation import quaternion_from_euler, rotation_matrix
 from mavkf.models.strapdown import HEIGHT, LATITUDE, Q, V, local, rates_of_frame, retract
-from mavkf.models.telemetry import FORCE, OMEGA, X_SIZE, M, N, Y
+from mavkf.models.telemetry import FORCE, OMEGA, M, Y
 
 Array = np.ndarray
 PLACES = [telemetry.place(m) for m in range(M)]
@@ -40,7 +41,7 @@ def test_phi_is_the_derivative_of_the_mean_on_the_manifold(seed: int, dt: float)
     for b, place in enumerate(PLACES):
         ends = []
         for sign in (1.0, -1.0):
-            dx, found = np.zeros(N), np.empty(N)
+            dx, found = np.zeros(STATES_MOST), np.empty(STATES_MOST)
             dx[place] = sign * EPSILON[b]
             y = x.copy()
             retract(y, dx)
@@ -95,7 +96,7 @@ def test_rate_and_force_die_away_and_the_attitude_follows_the_integral_of_the_ra
 
 def test_covariance_is_phi_p_phi_plus_qd_in_the_order_of_the_error_state() -> None:
     random = np.random.default_rng(2)
-    for n in (N, N + 3):
+    for n in (STATES_MOST, STATES_MOST + 1):  # and whatever else there is
         A = random.normal(size=(n, n))
         P = A @ A.T
         Phi, Qd = random.normal(size=(M, M)), np.diag(random.uniform(size=M))

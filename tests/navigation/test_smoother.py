@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mavkf.config import with_settings
+from mavkf.models.order import STATES_MOST
 from mavkf.models.strapdown import DBG, DGNSS, TOP
-from mavkf.models.vehicle_class import STATES_MOST
 from mavkf.navigation import layout as L
 from mavkf.navigation import tape as T
 from mavkf.navigation.codes import SENSORS, NoteCode

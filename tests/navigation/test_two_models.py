@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from mavkf.config import Config, with_settings
-from mavkf.models.strapdown import BG, DBA, DBG
-from mavkf.models.strapdown import N as STRAPDOWN_STATES
+from mavkf.models.order import STATES_MOST
+from mavkf.models.strapdown import BG, DBA, DBG, N
 from mavkf.models.telemetry import DFORCE, DOMEGA, FORCE, OMEGA
-from mavkf.models.telemetry import N as TELEMETRY_STATES
 from mavkf.navigation import layout as L
 from mavkf.navigation.codes import NoteCode
 from mavkf.navigation.imu_noise import unseen_share
@@ -19,6 +18,7 @@ from mavkf.navigation.propagation import begin
 from mavkf.navigation.setup import choose, parameters
 from mavkf.navigation.slow_imu import enter, leave
 from mavkf.navigation.two_models import weigh_models
+from mavkf.navigation.use_class import ROTORS, ROVER
 from mavkf.samples import ARRIVAL, KIND, TIME, Kind
 
 from ._session import CONFIG, differences, position_error, run, session
@@ -114,29 +114,38 @@ def test_telemetry_that_leads_alone_gives_way_when_the_imu_is_fast() -> None:
         assert s[L.WANTED] == wanted
 
 
-def state_with_covariance() -> tuple[Array, Array, Array]:
+def state_with_covariance(vehicle_class: float = 0.0, antenna: float = 0.0) -> tuple[Array, Array, Array]:
     c = parameters(Config(), choose(np.empty((0, 24)), Config()))
+    c[Parameter.CLASS], c[Parameter.ANTENNA_SIGMA] = vehicle_class, antenna
     s, e = np.empty(L.STATE_SIZE), np.zeros(L.EVENT_WIDTH)
     begin(s, c)
     random = np.random.default_rng(5)
-    A = random.normal(size=(STRAPDOWN_STATES, STRAPDOWN_STATES))
+    n = int(s[L.STATES])
+    A = random.normal(size=(n, n))
     L.covariance(s)[:, :] = A @ A.T
     s[L.IMU : L.IMU + 6] = random.normal(size=6)
     s[BG : BG + 6] = random.normal(size=6)
     return s, e, c
 
 
-def test_hand_over_keeps_the_covariance_and_adds_what_a_sample_tells() -> None:
-    s, e, c = state_with_covariance()
+@pytest.mark.parametrize(
+    ("vehicle_class", "antenna", "states"),
+    [(0.0, 0.0, N), (ROTORS, 0.0, N + 4), (0.0, 0.1, N + 7), (ROVER, 0.1, N + 7)],
+)
+def test_hand_over_keeps_the_covariance_and_adds_what_a_sample_tells(
+    vehicle_class: float, antenna: float, states: int
+) -> None:
+    s, e, c = state_with_covariance(vehicle_class, antenna)
     before = L.covariance(s).copy()
+    assert before.shape == (states, states)  # no zeros of what is not used
     enter(s, e, c)
     P = L.covariance(s)
-    assert P.shape == (TELEMETRY_STATES, TELEMETRY_STATES)
+    assert P.shape == (STATES_MOST, STATES_MOST)
     np.testing.assert_array_equal(P, P.T)
     assert np.linalg.eigvalsh(P).min() > -1e-12
     # omega = z - bg: the errors are opposite, and differ by the sample's noise
     np.testing.assert_allclose(s[OMEGA : FORCE + 3], s[L.IMU : L.IMU + 6] - s[BG : BG + 6])
-    np.testing.assert_array_equal(P[DOMEGA : DFORCE + 3, :STRAPDOWN_STATES], -before[DBG : DBA + 3, :])
+    np.testing.assert_array_equal(P[DOMEGA : DFORCE + 3, :states], -before[DBG : DBA + 3, :])
     noise = P[DOMEGA:, DOMEGA:] - before[DBG : DBA + 3, DBG : DBA + 3]
     assert np.all(np.diag(noise) > 0.0)
     np.testing.assert_allclose(noise - np.diag(np.diag(noise)), 0.0, atol=1e-12)
