@@ -33,6 +33,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from mavkf.machine_code import Cache
+from mavkf.parts import PartCompiler
 
 F = TypeVar("F", bound=Callable[..., Any])
 # Types of numba, for `compiled_apart`
@@ -55,7 +56,7 @@ def source_hash() -> str:
     """Hash (16 hex digits) of the compiled sources and of the versions that the machine code depends on."""
     package = Path(__file__).resolve().parent
     digest = hashlib.sha256(f"{sys.version}|{numba.__version__}|{numpy.__version__}".encode())
-    paths = [package / f"{name}.py" for name in ("compiled", "samples", "stack", "decimals")]
+    paths = [package / f"{name}.py" for name in ("compiled", "parts", "samples", "stack", "decimals")]
     for folder in COMPILED_FOLDERS:
         paths += sorted((package / folder).resolve().rglob("*.py"))
     for path in paths:
@@ -159,10 +160,21 @@ class _Later:
             finally:
                 numba.config.CACHE_DIR = before
 
+    @cached_property
+    def _part(self) -> Any:
+        """The dispatcher of what other compiled functions contain: nothing by which Python could call it is made, nor kept on disk."""
+        return numba.njit(
+            error_model="numpy",
+            no_cpython_wrapper=True,
+            no_cfunc_wrapper=True,
+            pipeline_class=PartCompiler,
+            **self._options,
+        )(self._function)
+
     @property
     def _numba_type_(self) -> Any:
         """What the compiler takes this for."""
-        return self._dispatcher._numba_type_
+        return self._part._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
         return self._dispatcher(*arguments)
@@ -175,6 +187,19 @@ class _Later:
 
 _apart: list[tuple[Any, tuple[Any, ...], Any]] = []
 """The functions that are compiled apart: each with the types of its arguments, and the cell (1,) that holds its address."""
+_called: list[tuple[Any, tuple[Any, ...]]] = []
+"""Functions that Python calls, each with the types of its arguments."""
+
+
+def called_with(*arguments: Any) -> Callable[[F], F]:
+    """Name the numba types that Python calls a compiled function with, so that `compile_ahead` can compile it before it is called."""
+
+    def decorate(function: F) -> F:
+        if not numba.config.DISABLE_JIT:
+            _called.append((function, arguments))
+        return function
+
+    return decorate
 
 
 def _cell(name: str) -> Any:
@@ -242,12 +267,13 @@ def link_apart() -> None:
         cell[0] = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
 
-def compile_apart(claims: Path, *, last_first: bool = False) -> None:
-    """Compile the functions that are compiled apart, each claimed by a file in the folder `claims`: several processes share the work.
+def compile_ahead(claims: Path, *, last_first: bool = False) -> None:
+    """Compile what is compiled apart and what Python calls: several processes share the work, each claims its part by a file in `claims`.
 
-    What they leave in the cache `link_apart` finds there.
+    What they leave in the cache is found there by `link_apart` and by the first call.
     """
-    for function, arguments, _ in reversed(_apart) if last_first else _apart:
+    work = [*((function, arguments) for function, arguments, _ in _apart), *_called]
+    for function, arguments in reversed(work) if last_first else work:
         try:
             (claims / f"{function.__module__}.{function.__qualname__}").open("x").close()
         except FileExistsError:

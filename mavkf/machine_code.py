@@ -1,7 +1,7 @@
 """Loading compiled functions from numba's cache without what only a compiler needs.
 
 For each function numba would first fill its registries (some two hundred modules), and parse the intermediate code that another function
-might be compiled from. Neither is needed to call it: the registries are left alone, the intermediate code is parsed when it is asked for.
+might be compiled from. Neither is needed to call it, and what others are compiled from are parts of their own (`mavkf.parts`).
 """
 
 from collections.abc import Iterator
@@ -35,22 +35,7 @@ class Cache(FunctionCache):  # type: ignore[misc]
 
 
 class _Library(JITCodeLibrary):  # type: ignore[misc]
-    """A library of machine code that has its intermediate code (bitcode) beside it, not yet parsed."""
-
-    _bitcode: bytes | None = None
-    _parsed: Any = None
-
-    @property
-    def _shared_module(self) -> Any:
-        """The intermediate code: the compiler asks for it where it makes another function of this one."""
-        if self._bitcode is not None:
-            self._parsed, self._bitcode = llvmlite.binding.parse_bitcode(self._bitcode), None
-            self._codegen._engine._load_defined_symbols(self._parsed)
-        return self._parsed
-
-    @_shared_module.setter
-    def _shared_module(self, module: Any) -> None:
-        self._parsed = module
+    """A library of machine code without the intermediate code (bitcode) that numba has kept beside it."""
 
     def get_pointer_to_function(self, name: str) -> int:
         """The address of a function of this library, 0 if it has none of this name."""
@@ -64,7 +49,7 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
             return super()._unserialize(codegen, state)
         library = codegen.create_library(name)
         library.enable_object_caching()
-        machine_code, library._bitcode = data
+        machine_code, _ = data
         library._set_compiled_object(machine_code)
         library._finalize_final_module()
         return library

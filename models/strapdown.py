@@ -14,7 +14,7 @@ Error equations: Groves section 14.2.4, with the signs of the left error used he
 
 import math
 
-from mavkf.compiled import kernel
+from mavkf.compiled import FLOAT, MATRIX, VECTOR, called_with, kernel
 from mavkf.models.earth import EARTH_RATE, SEMI_MAJOR_AXIS, gravity, radii
 from mavkf.models.rotation import (
     quaternion_log,
@@ -105,6 +105,7 @@ def propagate_attitude(x, imu0, imu1, dt, frame):
     rotate_left(q, -frame[0] * dt, -frame[1] * dt, -frame[2] * dt)
 
 
+@called_with(VECTOR, VECTOR, VECTOR, FLOAT, VECTOR)
 @kernel
 def propagate(x, imu0, imu1, dt, average):
     """Advance the nominal state by dt (s) with the samples at both ends of the interval, in place.
@@ -137,6 +138,7 @@ def propagate(x, imu0, imu1, dt, average):
     x[HEIGHT] -= 0.5 * dt * (v2 + x[V + 2])
 
 
+@called_with(VECTOR, FLOAT, VECTOR)
 @kernel
 def gather(average, dt, sums):
     """Add a step's averages (21,) over dt to the integrals `sums` (SUMS,) of an interval, zero at its begin, that `transition` is made of.
@@ -166,6 +168,7 @@ def gather(average, dt, sums):
         sums[42 + i] = average[12 + i]
 
 
+@called_with(VECTOR, VECTOR, FLOAT, MATRIX)
 @kernel
 def transition(x, sums, dt, Phi):
     """Rows of attitude, velocity and position of the transition matrix over dt: Phi, shape (9, TOP); the other rows are the identity.

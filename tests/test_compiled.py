@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import mavkf
-from mavkf.compiled import FLOAT, VECTOR, cache_folder, compiled, compiled_apart, link_apart, source_hash
+from mavkf import parts
+from mavkf.compiled import FLOAT, VECTOR, cache_folder, compiled, compiled_apart, kernel, link_apart, source_hash
 
 # A package of the same layout, small enough to compile in no time.
 FUNCTION = """
@@ -52,7 +53,7 @@ def package(tmp_path: Path) -> Path:
     for folder in ("", "filters", "navigation", "link"):
         (root / "mavkf" / folder).mkdir(parents=True, exist_ok=True)
         (root / "mavkf" / folder / "__init__.py").write_text("")
-    for file in ("compiled.py", "machine_code.py", "samples.py", "stack.py", "decimals.py"):
+    for file in ("compiled.py", "machine_code.py", "parts.py", "samples.py", "stack.py", "decimals.py"):
         shutil.copy(SOURCE / file, root / "mavkf")
     (root / "models" / "__init__.py").write_text("")
     (root / "models" / "answer.py").write_text(FUNCTION)
@@ -273,3 +274,43 @@ def test_a_function_compiled_apart_is_called_by_its_address_once_it_is_linked() 
     assert a[0] == 2.0
     with pytest.raises(ValueError):
         caller(a, -1.0)
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_a_part_has_no_machine_code_and_what_contains_it_gives_the_same() -> None:
+    @kernel
+    def square(x):
+        return x * x
+
+    @kernel
+    def both(x, y):
+        return square(x) - square(y)
+
+    @compiled
+    def caller(x, y):
+        return both(x, y) + square(x)
+
+    assert parts.IS_KNOWN
+    assert caller(3.0, 2.0) == 14.0
+    for part in (square, both):
+        (result,) = part._part.overloads.values()
+        assert result.library.get_pointer_to_function(result.fndesc.llvm_func_name) == 0
+        assert not part.overloads
+    assert both(3.0, 2.0) == 5.0  # Python may call it all the same
+
+
+CALLED = """
+from mavkf.compiled import _called
+from mavkf.service.warmup import compile_all
+compile_all()
+for function, types in _called:
+    assert list(function.overloads) == [types], function.py_func
+print(len(_called))
+"""
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_python_calls_with_the_types_that_were_named() -> None:
+    done = subprocess.run([sys.executable, "-c", CALLED], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) >= 8

@@ -10,7 +10,7 @@ import pytest
 import mavkf
 
 ROOT = Path(mavkf.__file__).parent
-BASE = {"errors", "samples", "estimate", "config", "compiled", "stack", "decimals", "machine_code", "ahead"}
+BASE = {"errors", "samples", "estimate", "config", "compiled", "stack", "decimals", "machine_code", "parts", "ahead"}
 PARTS = BASE | {"models", "filters", "navigation", "diagnostics", "link", "publish", "service", "replay", "cli"}
 JOINERS = PARTS - {"service", "replay", "cli"}
 
@@ -20,7 +20,8 @@ MAY: dict[str, set[str]] = {
     "errors": set(),
     "samples": set(),
     "estimate": set(),
-    "compiled": {"errors", "machine_code"},
+    "compiled": {"errors", "machine_code", "parts"},
+    "parts": set(),
     "machine_code": set(),
     "ahead": set(),
     "config": {"errors"},

@@ -8,9 +8,10 @@ import mmap
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import FLOAT, INTEGER, INTEGERS, MATRIX, VECTOR, called_with, kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import fold
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.pose import pose_row
 from mavkf.navigation.timeline import is_full, is_lone_fix, is_sample_in_use, precedes, slot_of
 from mavkf.samples import TIME
@@ -136,6 +137,7 @@ def go_back(s, snapshots, cursor, place):
     cursor[FOLDED] = k
 
 
+@called_with(VECTOR, MATRIX, INTEGER, VECTOR, FLOAT, FLOAT, MATRIX, MATRIX, INTEGERS, VECTOR, MATRIX, OUT)
 @kernel
 def run_live(s, arrived, first, c, rate, window, events, snapshots, cursor, marks, poses, out):
     """Take events in the order of arrival, from index `first` on; each goes to its place and what follows is folded again.

@@ -2,7 +2,7 @@
 
 import math
 
-from mavkf.compiled import kernel
+from mavkf.compiled import VECTOR, called_with, kernel
 from mavkf.navigation import layout as L
 
 DEGREES = 180.0 / math.pi
@@ -50,6 +50,7 @@ PARTS = (
 """Bits of what `turn_outward` returns."""
 
 
+@called_with(VECTOR, VECTOR)
 @kernel
 def turn_outward(row, out):
     """Copy a pose row (POSE_WIDTH,) to `out`, angles in degrees, the ellipsoidal height in place of the undulation.

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import MATRIX, NOTHING, VECTOR, compiled_apart, kernel
+from mavkf.compiled import MATRIX, NOTHING, VECTOR, called_with, compiled_apart, kernel
 from mavkf.models.rotation import euler_angles
 from mavkf.models.strapdown import BA, BG, HEIGHT, LATITUDE, LONGITUDE, POS, THETA, TOP, VEL, Q, V, offset
 from mavkf.navigation import layout as L
@@ -115,6 +115,7 @@ def pose_row_with(s, c, P, row):
             row[L.R_RATE + i] = s[L.RATE + i]
 
 
+@called_with(VECTOR, VECTOR, VECTOR)
 @kernel
 def pose_row(s, c, row):
     """Fill a pose row (POSE_WIDTH,) from a state and the parameters; NaN where nothing is known."""

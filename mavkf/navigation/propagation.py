@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mavkf.compiled import kernel
+from mavkf.compiled import VECTOR, called_with, kernel
 from mavkf.models import constant_velocity, strapdown
 from mavkf.models.earth import gravity
 from mavkf.models.order import ANTENNA, DANTENNA
@@ -41,6 +41,7 @@ REST_DRIFT = 1e-6  # rad/s/sqrt(Hz): how a vehicle that stands turns
 COAST_RATE = 0.3  # rad/s/sqrt(Hz): how a vehicle turns while nobody looks
 
 
+@called_with(VECTOR, VECTOR)
 @kernel
 def begin(s, c):
     """Fill the state with the start of a session."""

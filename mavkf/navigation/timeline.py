@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
-from mavkf.compiled import kernel, long_kernel
+from mavkf.compiled import FLOAT, INTEGER, MATRIX, VECTOR, called_with, kernel, long_kernel
 from mavkf.navigation import layout as L
 from mavkf.navigation.fold import fold
+from mavkf.navigation.layout import OUT
 from mavkf.navigation.parameter import Parameter
 from mavkf.navigation.plausible import GNSS_KIND, IMU_KIND
 from mavkf.navigation.pose import pose_row
@@ -118,6 +119,7 @@ def is_full(count, poses, out):
     return count >= poses.shape[0] or counts[0] + ROOM > out[0].shape[0] or counts[1] + ROOM > out[1].shape[0]
 
 
+@called_with(VECTOR, MATRIX, INTEGER, INTEGER, VECTOR, FLOAT, MATRIX, OUT)
 @long_kernel
 def run_batch(s, events, first, slot, c, rate, poses, out):
     """Fold sorted events from index `first` on; write a pose row at every output interval.

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mavkf.compiled import compile_apart, is_shared, is_warm, mark_warm
+from mavkf.compiled import compile_ahead, is_shared, is_warm, mark_warm
 from mavkf.config import Config
 from mavkf.decimals import lines
 from mavkf.link.clocks import VehicleClock
@@ -55,7 +55,7 @@ def compile_all() -> None:
     """Compile every path of `serve` and `replay`, all models: scanner, decoder, clock, live and offline estimator."""
     with tempfile.TemporaryDirectory() as claims, _second_process(Path(claims)):
         rows = _rows()
-        compile_apart(Path(claims))
+        compile_ahead(Path(claims))
     for model in MODELS:
         live = VehicleStream("1-1", Config(), model=model)
         for step in live.push(rows):
@@ -76,13 +76,14 @@ def compile_smoother() -> None:
 
 @contextmanager
 def _second_process(claims: Path) -> Iterator[None]:
-    """Let another process take its share of `compile_apart`; what it does not do for whatever reason is done here."""
+    """Let another process take its share of `compile_ahead`; what it does not do for whatever reason is done here."""
     if numba.config.DISABLE_JIT or not is_shared():
         yield
         return
     code = (
-        "import sys; from pathlib import Path; import mavkf.navigation.timeline; from mavkf.compiled import compile_apart; "
-        "compile_apart(Path(sys.argv[1]), last_first=True)"
+        "import sys; from pathlib import Path; import mavkf.navigation.history, mavkf.navigation.outward; "
+        "from mavkf.compiled import compile_ahead; "
+        "compile_ahead(Path(sys.argv[1]), last_first=True)"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code, str(claims)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
