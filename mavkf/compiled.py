@@ -33,7 +33,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from mavkf.machine_code import Cache
-from mavkf.parts import PartCompiler
+from mavkf.parts import part_compiler
 
 F = TypeVar("F", bound=Callable[..., Any])
 # Types of numba, for `compiled_apart`
@@ -167,7 +167,7 @@ class _Later:
             error_model="numpy",
             no_cpython_wrapper=True,
             no_cfunc_wrapper=True,
-            pipeline_class=PartCompiler,
+            pipeline_class=part_compiler(),
             **self._options,
         )(self._function)
 
@@ -274,8 +274,9 @@ def compile_ahead(claims: Path, *, last_first: bool = False) -> None:
     """
     work = [*((function, arguments) for function, arguments, _ in _apart), *_called]
     for function, arguments in reversed(work) if last_first else work:
+        types = hashlib.sha256(repr(arguments).encode()).hexdigest()[:8]
         try:
-            (claims / f"{function.__module__}.{function.__qualname__}").open("x").close()
+            (claims / f"{function.__module__}.{function.__qualname__}.{types}").open("x").close()
         except FileExistsError:
             continue
         function.compile(arguments)

@@ -167,7 +167,12 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = 0.1
     gnss_speed_m_s: Annotated[float, Meta(gt=0.0, le=100.0, description="m/s: where the receiver claims nothing")] = 0.4
     gnss_speed_floor_m_s: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="m/s: a claim below it is not believed")
+        float,
+        Meta(
+            gt=0.0,
+            le=10.0,
+            description="m/s: a claim below it is not believed (where all of a flight is smoothed, once it has shown to be better, it is)",
+        ),
     ] = 0.2
     gnss_course_m_s: Annotated[
         float, Meta(ge=0.0, le=10.0, description="m/s: across the course, added where the speed is small")

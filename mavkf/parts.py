@@ -3,18 +3,15 @@
 numba makes each function ready to be called: it optimises it with all that it contains, and turns that into machine code. A kernel that
 is called by kernels is then optimised in each of them again, and again in theirs. A part that contains others is left as it was written;
 what is optimised and turned into machine code is the function that Python calls, or that is called by its address, with all its parts.
+A part cannot call itself, and what it raises has arguments that are known when it is compiled.
 """
 
+from functools import cache
 from typing import Any
 
+from numba import float64, njit
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
-
-IS_KNOWN = hasattr(Compiler, "compile_extra") and all(
-    hasattr(JITCodeLibrary, name)
-    for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals", "codegen")
-)
-"""Whether numba has inside what is used of it here; another version that has not makes parts in its own way, which takes longer."""
 
 
 class _Codegen:
@@ -66,4 +63,15 @@ class _PartCompiler(Compiler):  # type: ignore[misc]
         return super().compile_extra(func)
 
 
-PartCompiler = _PartCompiler if IS_KNOWN else Compiler
+@cache
+def part_compiler() -> Any:
+    """The compiler of parts; where numba's inside is not what it is taken for here, its own, which takes longer."""
+    try:
+        njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=_PartCompiler)(_trial).compile((float64,))
+    except Exception:
+        return Compiler
+    return _PartCompiler
+
+
+def _trial(x: float) -> float:
+    return x

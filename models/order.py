@@ -1,6 +1,6 @@
-"""The order of the states behind those of `strapdown`: first what a session has from its begin to its end, last what comes and goes.
+"""The order of the states behind those of `strapdown`: first what most sessions have from begin to end, last what comes and goes.
 
-So a session carries the states that it uses, and no zeros for others. Each group is in the nominal state and in the error state:
+So most sessions carry no zeros for states that they do not use. Each group is in the nominal state and in the error state:
 
     CLASS, DCLASS       what the vehicle's class has (4): see `vehicle_class`
     ANTENNA, DANTENNA   where the antenna is from the IMU, in b (3, m), where it is estimated: see `gnss`

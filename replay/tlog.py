@@ -112,7 +112,10 @@ class TlogReader:
     """
 
     def __init__(self, path: Path, messages: Iterable[Source] = tuple(Source)) -> None:
-        """messages: those that give rows; frames are found of all. Raises LogError if the file cannot be opened or is empty."""
+        """messages: those that give rows, or are counted as refused; frames are found of all.
+
+        Raises LogError if the file cannot be opened or is empty.
+        """
         self.path = Path(path)
         self.name = str(self.path)
         self.data = map_log(self.path)

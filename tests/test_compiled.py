@@ -12,6 +12,7 @@ from types import ModuleType
 import numba
 import numpy as np
 import pytest
+from numba.core.compiler import Compiler
 
 import mavkf
 from mavkf import parts
@@ -290,7 +291,7 @@ def test_a_part_has_no_machine_code_and_what_contains_it_gives_the_same() -> Non
     def caller(x, y):
         return both(x, y) + square(x)
 
-    assert parts.IS_KNOWN
+    assert parts.part_compiler() is not Compiler  # of this version of numba
     assert caller(3.0, 2.0) == 14.0
     for part in (square, both):
         (result,) = part._part.overloads.values()
@@ -301,8 +302,9 @@ def test_a_part_has_no_machine_code_and_what_contains_it_gives_the_same() -> Non
 
 CALLED = """
 from mavkf.compiled import _called
-from mavkf.service.warmup import compile_all
-compile_all()
+from mavkf.service import warmup
+warmup.compile_ahead = lambda claims: None
+warmup.compile_all()
 for function, types in _called:
     assert list(function.overloads) == [types], function.py_func
 print(len(_called))

@@ -32,7 +32,7 @@ from mavkf.samples import (
     Source,
 )
 
-GROUND_ROVER, NO_AUTOPILOT = 10, 8  # MAV_TYPE, MAV_AUTOPILOT
+GROUND_ROVER, GENERIC = 10, 0  # MAV_TYPE, MAV_AUTOPILOT
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 
 
@@ -80,7 +80,7 @@ def gnss(
 def heartbeats(first: float, last: float, boot_utc_us: float) -> Array:
     """One a second from `first` to `last`, s of boot time: a car, which is armed, for it may drive off at any time."""
     rows = _rows(Kind.HEARTBEAT, Source.HEARTBEAT, np.arange(first, last), 0.0, boot_utc_us)
-    rows[:, VEHICLE_TYPE], rows[:, AUTOPILOT], rows[:, BASE_MODE] = GROUND_ROVER, NO_AUTOPILOT, ARMED
+    rows[:, VEHICLE_TYPE], rows[:, AUTOPILOT], rows[:, BASE_MODE] = GROUND_ROVER, GENERIC, ARMED
     return rows
 
 

@@ -15,9 +15,11 @@ from mavkf.navigation.parameter import Parameter
 Array = NDArray[np.float64]
 CONSTANT = 1e4  # s: time constant of an error that does not change in any flight
 SUSPICIONS = {NoteCode.GNSS_DRIFT: L.SUSPECT_POSITION, NoteCode.GNSS_VELOCITY_WRONG: L.SUSPECT_VELOCITY}
-STRETCH = 100  # fixes, of which two axes show a variance to 10 %: the relative deviation is the root of 2 over the number of values
+STRETCH = 100  # fixes, of which two axes show a variance to 10 % (the root of 2 over the number of values)
 MOST_CORRELATED = 0.95
-BEST_SPEED = 0.02  # m/s: no receiver is trusted to be better (velocity goes in steps of 1 cm/s)
+BEST_SPEED = (
+    0.05  # m/s: no receiver is believed to be better; what the datasheets of consumer ones state (u-blox M8 to M10)
+)
 AXES = (("horizontally", slice(0, 2)), ("vertically", slice(2, 3)))
 
 
@@ -33,37 +35,43 @@ NOTHING_KNOWN = Hindsight(np.empty((0, 2)), np.empty((0, 3)), ())
 
 
 class Scatter:
-    """Horizontal velocity innovations of one receiver, summed up as they come: how noisy its velocity can be at most."""
+    """Horizontal velocity innovations of one receiver, summed up as they come: how noisy its velocity has looked."""
 
     def __init__(self) -> None:
         """Nothing has come yet."""
         self._square, self._product = 0.0, 0.0
-        self._last = np.empty((0, 2))
-        self._stretch = np.empty((0, 2))
+        self._recent = np.empty((0, 2))
         self._noisiest = 0.0
 
     def take(self, r: Array) -> None:
         """Take innovations (n, 2), m/s."""
-        joined = np.concatenate([self._last, r])
-        self._last = joined[-1:]
+        joined = np.concatenate([self._recent[-1:], r])
         self._square += float(np.sum(r * r))
         self._product += float(np.sum(joined[1:] * joined[:-1]))
-        waiting = np.concatenate([self._stretch, r])
-        whole = len(waiting) // STRETCH
-        for stretch in waiting[: whole * STRETCH].reshape(whole, STRETCH, 2):
-            self._noisiest = max(self._noisiest, float(np.mean(stretch * stretch)))
-        self._stretch = waiting[whole * STRETCH :]
+        values = np.concatenate([self._recent, r])
+        first = 0
+        while len(values) - first >= 2 * STRETCH:
+            self._noisiest = max(self._noisiest, _power(values[first : first + STRETCH]))
+            first += STRETCH
+        self._recent = values[first:]
 
     @property
     def sigma(self) -> float:
-        """One sigma (m/s) of white noise that tells as little as the real one in its noisiest stretch; infinite before one is full.
+        """One sigma (m/s) of white noise that tells as little as noise of this correlation does in the noisiest stretch.
 
-        All of an innovation is taken for the receiver's. What lingers from fix to fix counts as `receivers.lasting` says.
+        Infinite before one is full. All of an innovation is taken for the receiver's; what lingers from fix to fix, as its own filter makes
+        it, counts as `receivers.lasting` says. What lasts longer than the estimator remembers does not show.
         """
-        if not self._noisiest > 0.0:
+        if len(self._recent) < STRETCH:
             return math.inf
-        rho = min(max(self._product / self._square, 0.0), MOST_CORRELATED)
-        return math.sqrt(self._noisiest * (1.0 + rho) / (1.0 - rho))
+        noisiest = max(self._noisiest, _power(self._recent[:STRETCH]), _power(self._recent[-STRETCH:]))
+        rho = min(max(self._product / self._square, 0.0), MOST_CORRELATED) if self._square > 0.0 else 0.0
+        return math.sqrt(noisiest * (1.0 + rho) / (1.0 - rho))
+
+
+def _power(r: Array) -> float:
+    """Mean square of an axis of innovations (n, 2)."""
+    return float(np.mean(r * r))
 
 
 class Surprise:

@@ -40,7 +40,7 @@ def sample_variance(s, e, c, k):
 @kernel
 def enter(s, e, c):
     """Begin rate and force from the last sample: omega = z - bg, so that its error is minus the bias's and the sample's noise."""
-    stop_monitors(s)
+    stop_monitors(s)  # the effects of faults on the states that come are not known
     if s[L.STATES] < STATES_MOST:
         widen(s, STATES_MOST)
     P = L.covariance(s)

@@ -38,11 +38,7 @@ C_SIZE, C_GAIN, C_R = (
     1,
     2,
 )  # content of a correction: m, which gain, r, S^-1, H, K, and what K lacks of the optimal gain
-OPTIMAL, CONSIDERED, KEPT_FROM_MOTION = (
-    0.0,
-    1.0,
-    2.0,
-)  # gains: all states corrected; all but one; only those behind the motion's
+OPTIMAL, CONSIDERED, KEPT_FROM_MOTION = 0.0, 1.0, 2.0  # gains: all states corrected; all but one; the class's only
 T_DECAY, T_PHI = 0, 2  # of a transition: decay of the coloured error, horizontal and vertical; Phi
 P_ROW, P_MODEL, P_ACCELERATION, P_X = (
     0,

@@ -63,21 +63,22 @@ def fuse_velocity(s, e, c, out, b):
     w = vector(3)
     a = s[L.ACCELERATION : L.ACCELERATION + 3]
     sigma = claimed(e, SIGMA_SPEED, c[Parameter.SPEED])
+    main = e[SOURCE] == s[L.MAIN]
     # the claim is for white noise; part of the error lingers from fix to fix, so it has a floor
     variance = max(sigma * sigma * s[b + L.F_SCALE_VELOCITY], c[Parameter.SPEED_FLOOR] ** 2)
+    vertical = 2.25 * variance
+    if main and s[L.KNOWN_SPEED] > 0.0 and sigma <= c[Parameter.SPEED]:
+        # in the second pass of a smoother, but for a fix that says of itself that it is a bad one
+        variance = min(variance, s[L.KNOWN_SPEED] ** 2)
     speed = math.hypot(vn, ve)
     # a slow receiver does not know its course, and some hold the last one
     across = (c[Parameter.COURSE] / (1.0 + speed)) ** 2
-    main = e[SOURCE] == s[L.MAIN]
-    if main and s[L.KNOWN_SPEED] > 0.0:  # in the second pass of a smoother
-        variance = min(variance, s[L.KNOWN_SPEED] ** 2)
-        across = min(across, s[L.KNOWN_SPEED] ** 2)
     un, ue = (vn / speed, ve / speed) if speed > 0.0 else (0.0, 0.0)
     R[0, 0] = variance + across * (1.0 - un * un)
     R[1, 1] = variance + across * (1.0 - ue * ue)
     R[0, 1] = -across * un * ue
     R[1, 0] = R[0, 1]
-    R[2, 2] = 2.25 * variance
+    R[2, 2] = vertical
     mounting(s, C, w)
     gnss.predict_velocity(x, a, C, w, z_hat)
     gnss.velocity_jacobian(x, a, C, w, H)

@@ -4,7 +4,9 @@ import numpy as np
 
 from benchmarks.accuracy.decimation import thin
 from benchmarks.accuracy.outages import cut
+from benchmarks.accuracy.sample_rows import heartbeats
 from mavkf.samples import KIND, ROW_WIDTH, SEQUENCE, SOURCE, TIME, Kind, Source
+from mavkf.service.senders import is_vehicle
 
 
 def rows_of(kind: Kind, source: Source, times: np.ndarray) -> np.ndarray:
@@ -57,3 +59,7 @@ def test_the_cut_takes_all_fixes_of_the_window_and_nothing_else() -> None:
     assert not np.any((gnss[:, TIME] >= 4.0) & (gnss[:, TIME] < 6.0))
     assert rows.shape[0] - left.shape[0] == 20
     assert np.sum(left[:, KIND] == Kind.IMU) == t.size
+
+
+def test_a_drive_is_heard_as_a_vehicle() -> None:
+    assert is_vehicle(heartbeats(0.0, 3.0, 1e15))

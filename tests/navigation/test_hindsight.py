@@ -12,6 +12,7 @@ from mavkf.navigation.hindsight import BEST_SPEED, Scatter, Surprise, look_back
 from mavkf.navigation.offline import run_offline
 from mavkf.navigation.propagation import begin
 from mavkf.navigation.smoothing import fold_block
+from mavkf.samples import KIND, SIGMA_SPEED, Kind
 
 from ._session import CONFIG, session
 
@@ -84,20 +85,25 @@ def test_a_velocity_is_known_where_it_is_better_than_was_believed(scale: float, 
         assert any(f"{held[L.KNOWN_SPEED]:.2f} m/s" in sentence for sentence in hindsight.words)
 
 
-def test_a_known_velocity_is_weighed_by_what_is_known() -> None:
+@pytest.mark.parametrize(
+    ("known", "claim", "least", "most"),
+    [(0.0, 0.02, 0.2, 0.3), (0.05, 0.02, 0.05, 0.1), (0.05, 0.6, 0.2, 0.7)],
+    ids=["floor", "known", "a fix that claims to be bad is one"],
+)
+def test_a_known_velocity_is_weighed_by_what_is_known(known: float, claim: float, least: float, most: float) -> None:
     rows = session(30.0)
+    rows[rows[:, KIND] == Kind.GNSS, SIGMA_SPEED] = claim
     done = run_offline(rows, CONFIG)
     events = np.concatenate(list(EventOrder(done.setup, 3.0).push(rows, last=True)))
-    smallest, poses = {}, np.empty((9, L.POSE_WIDTH))
-    for known in (0.0, 0.05):
-        state, out = np.empty(L.STATE_SIZE), L.buffers(4096, 512, SENSORS, 0)
-        begin(state, done.parameters)
-        held = np.array([[float(L.KNOWN_SPEED), known]])
-        variances = []
-        for k in range(len(events)):
-            fold_block(state, events[k : k + 1], -1, 0, done.parameters, 1.0, held, NO_FAULTS, poses, out)
-            innovations = out[0][: out[2][0]]
-            variances += list(innovations[innovations[:, L.I_SENSOR] == Sensor.GNSS_VELOCITY.value, L.I_S])
-        smallest[known] = min(variances)
-    assert smallest[0.0] > CONFIG.noise.gnss_speed_floor_m_s**2
-    assert 0.05**2 < smallest[0.05] < 0.1**2
+    state, out, poses = np.empty(L.STATE_SIZE), L.buffers(4096, 512, SENSORS, 0), np.empty((9, L.POSE_WIDTH))
+    begin(state, done.parameters)
+    held = np.array([[float(L.KNOWN_SPEED), known]])
+    variances = []
+    for k in range(len(events)):
+        fold_block(state, events[k : k + 1], -1, 0, done.parameters, 1.0, held, NO_FAULTS, poses, out)
+        innovations = out[0][: out[2][0]]
+        mine = innovations[innovations[:, L.I_SENSOR] == Sensor.GNSS_VELOCITY.value]
+        variances += [row[L.I_S : L.I_S + 9].reshape(3, 3).diagonal() for row in mine]
+    north, _, down = np.sqrt(np.min(variances, axis=0))
+    assert least < north < most
+    assert down > 1.5 * CONFIG.noise.gnss_speed_floor_m_s  # of the vertical nothing is known

@@ -137,7 +137,7 @@ def test_hand_over_keeps_the_covariance_and_adds_what_a_sample_tells(
 ) -> None:
     s, e, c = state_with_covariance(vehicle_class, antenna)
     before = L.covariance(s).copy()
-    assert before.shape == (states, states)  # no zeros of what is not used
+    assert before.shape == (states, states)  # and none of the telemetry model's
     enter(s, e, c)
     P = L.covariance(s)
     assert P.shape == (STATES_MOST, STATES_MOST)
