@@ -12,6 +12,7 @@ from typing import Any
 from numba import float64, njit
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.errors import NumbaError
 
 
 class _Codegen:
@@ -68,7 +69,7 @@ def part_compiler() -> Any:
     """The compiler of parts; where numba's inside is not what it is taken for here, its own, which takes longer."""
     try:
         njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=_PartCompiler)(_trial).compile((float64,))
-    except Exception:
+    except (AttributeError, TypeError, NumbaError):
         return Compiler
     return _PartCompiler
 

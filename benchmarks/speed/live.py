@@ -19,9 +19,7 @@ from benchmarks.speed.traffic import Datagram, recorded, send, vehicles
 from mavkf.publish.session import open_session
 from mavkf.service.warmup import ensure_compiled
 
-SETTLING_S = (
-    12.0  # of boot time: until the set-up is decided, the first poses have come, and what waited for it is done
-)
+SETTLING_S = 12.0  # of boot time: until the set-up is decided, first poses have come, and what waited for it is done
 SOON = 8.0  # times real time at which one vehicle settles; many, which decide all at once, at their own pace
 QUIET_S = 1.0  # for what is on its way to arrive
 ECHO = "mavkf/echo/pose"

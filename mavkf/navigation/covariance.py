@@ -186,7 +186,7 @@ def bring_up(s, c, out):
         gyro, accel = 0.5 * s[L.BEHIND_GYRO], 0.5 * s[L.BEHIND_ACCEL]
         if is_detailed(out):
             record_added(s, c, gyro, accel, 0.5 * dt, 0.0, out)
-        record_transition(s, out, Phi, dt)
+        record_transition(s, out, Phi, phi)
         if is_detailed(out):
             record_added(s, c, gyro, accel, 0.5 * dt, dt, out)
     s[L.BEHIND] = 0.0

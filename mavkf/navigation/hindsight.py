@@ -17,9 +17,7 @@ CONSTANT = 1e4  # s: time constant of an error that does not change in any fligh
 SUSPICIONS = {NoteCode.GNSS_DRIFT: L.SUSPECT_POSITION, NoteCode.GNSS_VELOCITY_WRONG: L.SUSPECT_VELOCITY}
 STRETCH = 100  # fixes, of which two axes show a variance to 10 % (the root of 2 over the number of values)
 MOST_CORRELATED = 0.95
-BEST_SPEED = (
-    0.05  # m/s: no receiver is believed to be better; what the datasheets of consumer ones state (u-blox M8 to M10)
-)
+BEST_SPEED = 0.05  # m/s: no receiver is believed to be better than datasheets of consumer ones state (u-blox M8, M10)
 AXES = (("horizontally", slice(0, 2)), ("vertically", slice(2, 3)))
 
 

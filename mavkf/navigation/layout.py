@@ -147,9 +147,7 @@ SCALE_CLASS = _class + 3  # learnt variance of that knowledge, against what is a
 MEAN_FORCE = SCALE_CLASS + 2  # f_b as measured, running mean
 LAST_CLASS = MEAN_FORCE + 3  # last innovations of the drag or of sideslip and airspeed
 SCALE_LASTING = LAST_CLASS + 2  # learnt variance of the walk of the wind, or of slip that lasts
-CORRECT_CLASS = (
-    SCALE_LASTING + 1
-)  # 1: what is fused now corrects the states of the class only, the others are considered
+CORRECT_CLASS = SCALE_LASTING + 1  # 1: what is fused now corrects the class's states only, others are considered
 AIR_KNOWN = CORRECT_CLASS + 1  # 1: the wind has been learnt in this flight
 # Faults that are going on, in the order of FAULT_CODES: three numbers each
 FAULT_SINCE, FAULT_SIZE, FAULT_LAST = range(3)  # start (NaN: none), the largest size so far, when it was seen last

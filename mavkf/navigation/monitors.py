@@ -27,12 +27,8 @@ from mavkf.navigation.codes import Sensor
 from mavkf.samples import SOURCE
 from mavkf.stack import block, copy, matrix, vector
 
-RAMP, VELOCITY, GYRO, ACCELEROMETER = (
-    0,
-    1,
-    2,
-    3,
-)  # position that runs away; velocity, gyro and accelerometer off by a constant
+# Position that runs away; velocity, gyro and accelerometer off by a constant
+RAMP, VELOCITY, GYRO, ACCELEROMETER = 0, 1, 2, 3
 KINDS = 4
 FAULT_SIGMA = np.array([5.0, 10.0, 0.1, 2.0])  # how large such faults are: m/s, m/s, rad/s, m/s^2
 # For each hypothesis its kind, and when it begins anew: at phase, phase + every, ... on the boot clock (s). A fast fault shows within
@@ -44,9 +40,8 @@ SUDDEN = 6  # the hypothesis of a velocity that lies from the fix on at which it
 SURPRISE = 4.0  # NIS per degree of freedom that begins it anew
 SUDDEN_AGE, SUDDEN_RATIO = 12.0, 12.0  # s; or where it does not follow anything likely
 COLUMNS = L.COLUMNS
-CLIP = (
-    20.0  # NIS beyond which an innovation counts no more than one of this size: an outlier is no evidence of what lasts
-)
+# NIS beyond which an innovation counts no more than one of this size: an outlier is no evidence of what lasts
+CLIP = 20.0
 
 
 @kernel

@@ -122,7 +122,7 @@ def advance(s, c, t, out):
     decay_colour(s, phi, P)
     s[L.T] = t
     if recording:
-        record_transition(s, out, Phi, dt)
+        record_transition(s, out, Phi, phi)
         if is_detailed(out):
             record_noise(out, int(s[L.STATES]), flat(Qd))
             record_added(s, c, 0.0, 0.0, dt, dt, out)

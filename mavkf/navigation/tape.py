@@ -18,8 +18,6 @@ Layout: next free place, number of error states, nominal state and covariance as
 content, then the number of error states, the length of the content and its kind, so that it can be read backward.
 """
 
-import math
-
 from mavkf.compiled import FLOAT, INTEGER, MATRIX, NOTHING, VECTOR, compiled_apart, kernel
 from mavkf.models.strapdown import BG, DBG, THETA, VEL, V
 from mavkf.navigation import layout as L
@@ -188,9 +186,9 @@ def record_link(s, out, to, of, factor):
     keep(s, tape)
 
 
-@compiled_apart(NOTHING, VECTOR, OUT, MATRIX, FLOAT)
-def record_transition(s, out, Phi, dt):
-    """Record a transition over dt (s), and the decay of the coloured error in that time; `attend` was called before.
+@compiled_apart(NOTHING, VECTOR, OUT, MATRIX, VECTOR)
+def record_transition(s, out, Phi, phi):
+    """Record a transition, and the decay phi (2,) of the coloured error in that time; `attend` was called before.
 
     Phi: the rows (9, TOP) of `strapdown.transition`, or (M, M) of the telemetry model's states that move. Where the last entry is of
     the same kind, it becomes the transition over both, unless the tape is in detail.
@@ -210,7 +208,7 @@ def record_transition(s, out, Phi, dt):
         before = matrix(a, b)
         copy(before, block(tape, k + T_PHI, a, b))
         for axis in range(2):
-            tape[k + T_DECAY + axis] *= math.exp(-dt / s[L.COLOUR_TIME + axis])
+            tape[k + T_DECAY + axis] *= phi[axis]
         after = block(tape, k + T_PHI, a, b)
         for i in range(a):
             for j in range(b):
@@ -220,7 +218,7 @@ def record_transition(s, out, Phi, dt):
                     after[i, j] += Phi[i, m] * before[m, j]
     else:
         for axis in range(2):
-            tape[k + T_DECAY + axis] = math.exp(-dt / s[L.COLOUR_TIME + axis])
+            tape[k + T_DECAY + axis] = phi[axis]
         for i in range(a):
             for j in range(b):
                 tape[k + T_PHI + b * i + j] = Phi[i, j]

@@ -93,40 +93,26 @@ def test_a_gain_that_is_not_the_best_leaves_a_larger_covariance() -> None:
     assert np.linalg.eigvalsh(after - best).min() > -1e-9
 
 
+@pytest.mark.parametrize(("considered", "first", "last"), [(4, 0, 6), (-1, 2, 5)], ids=["one", "outside of a range"])
 @pytest.mark.parametrize("m", [1, 2, 3])
-def test_a_considered_state_is_left_alone_but_counts(m: int) -> None:
+def test_what_is_considered_is_left_alone_but_counts(m: int, considered: int, first: int, last: int) -> None:
     random = np.random.default_rng(m)
-    n, considered = 6, 4
+    n = 6
     P, H, R, r = positive(random, n), random.normal(size=(m, n)), positive(random, m), random.normal(size=m)
     PHt, S, inverse, dx = np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty(n)
     innovation_covariance(P, H, R, PHt, S)
     assert invert(S, inverse)
+    alone = np.array([i == considered or not first <= i < last for i in range(n)])
     K = P @ H.T @ np.linalg.inv(S)
-    K[considered] = 0.0
+    K[alone] = 0.0
     A = np.eye(n) - K @ H
     expected = A @ P @ A.T + K @ R @ K.T
     after = P.copy()
-    correct(after, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), considered, 0, n)
+    correct(after, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), considered, first, last)
     np.testing.assert_allclose(dx, K @ r, rtol=1e-9, atol=1e-12)
-    assert dx[considered] == 0.0
+    np.testing.assert_array_equal(dx[alone], 0.0)
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-9 * np.abs(P).max())
-    assert after[considered, considered] == pytest.approx(P[considered, considered])
-
-
-def test_what_lies_outside_of_a_range_is_left_alone_but_counts() -> None:
-    random = np.random.default_rng(8)
-    n, m = 7, 2
-    P, H, R, r = positive(random, n), random.normal(size=(m, n)), positive(random, m), random.normal(size=m)
-    PHt, S, inverse, dx = np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty(n)
-    innovation_covariance(P, H, R, PHt, S)
-    assert invert(S, inverse)
-    K = P @ H.T @ np.linalg.inv(S)
-    K[:2], K[5:] = 0.0, 0.0
-    A = np.eye(n) - K @ H
-    after = P.copy()
-    correct(after, PHt, S, inverse, r, dx, np.empty((n, m)), np.empty((2 * m, n)), -1, 2, 5)
-    np.testing.assert_allclose(dx, K @ r, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(after, A @ P @ A.T + K @ R @ K.T, rtol=1e-9, atol=1e-9 * np.abs(P).max())
+    np.testing.assert_allclose(np.diag(after)[alone], np.diag(P)[alone])
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
